@@ -1,0 +1,226 @@
+// SPDX-FileCopyrightText: The sweepkit authors
+// SPDX-License-Identifier: Apache-2.0
+#include "sweepkit/map/map.hpp"
+
+#include <algorithm>
+#include <map>
+#include <utility>
+
+#include "sweepkit/core/error.hpp"
+
+namespace sweepkit {
+namespace {
+
+auto lower_bound_keyframe(auto& list, KeyframeId id) {
+  return std::lower_bound(list.begin(), list.end(), id,
+                          [](const auto& entry, KeyframeId key) { return entry.keyframe < key; });
+}
+
+void add_covisible(std::vector<Covisible>& list, KeyframeId id, int by) {
+  auto it = lower_bound_keyframe(list, id);
+  if (it == list.end() || it->keyframe != id) it = list.insert(it, {id, 0});
+  it->points += by;
+  if (it->points <= 0) list.erase(it);
+}
+
+}  // namespace
+
+const Keyframe& Map::keyframe(KeyframeId id) const {
+  const Keyframe* found = find(id);
+  require(found != nullptr, "Map::keyframe(id)", "there is no such keyframe", id.value);
+  return *found;
+}
+
+const MapPoint& Map::point(PointId id) const {
+  const MapPoint* found = find(id);
+  require(found != nullptr, "Map::point(id)", "there is no such point", id.value);
+  return *found;
+}
+
+KeyframeId Map::add_keyframe(Keyframe keyframe) {
+  require(keyframe.map.value < map_count_, "Map::add_keyframe(keyframe.map)", "there is no such map",
+          keyframe.map.value);
+  require(keyframe.measurements.size() == keyframe.descriptors.size(),
+          "Map::add_keyframe(keyframe.descriptors)", "one descriptor for each measurement is needed",
+          keyframe.descriptors.size());
+  if (keyframe.parent.valid())
+    require(this->keyframe(keyframe.parent).map == keyframe.map, "Map::add_keyframe(keyframe.parent)",
+            "the parent belongs to another map", keyframe.parent.value);
+  keyframe.id = KeyframeId{keyframe_id_end()};
+  keyframe.points.assign(keyframe.measurements.size(), PointId{});
+  keyframe.covisible.clear();
+  keyframes_.push_back(std::make_unique<Keyframe>(std::move(keyframe)));
+  ++live_keyframes_;
+  return keyframes_.back()->id;
+}
+
+void Map::remove_keyframe(KeyframeId id) {
+  Keyframe& gone = at(id);
+  require(gone.parent.valid(), "Map::remove_keyframe(id)", "the root of a map cannot be removed", id.value);
+  for (const PointId point : gone.points)
+    if (point.valid()) remove_observation(point, id);
+  for (auto& other : keyframes_)
+    if (other && other->parent == id) other->parent = gone.parent;
+  keyframes_[id.value].reset();
+  --live_keyframes_;
+}
+
+PointId Map::add_point(const Vec3<double>& p_world, KeyframeId keyframe_id, std::uint32_t index) {
+  const Keyframe& keyframe = this->keyframe(keyframe_id);
+  require(index < keyframe.points.size(), "Map::add_point(index)", "the keyframe has no such measurement",
+          index);
+  require(!keyframe.points[index].valid(), "Map::add_point(index)", "the measurement already has a point",
+          index);
+  const PointId id{point_id_end()};
+  auto point = std::make_unique<MapPoint>();
+  point->id = id;
+  point->p_world = p_world;
+  point->first_keyframe = keyframe_id;
+  point->predicted = point->found = 1;
+  points_.push_back(std::move(point));
+  ++live_points_;
+  add_observation(id, keyframe_id, index);
+  return id;
+}
+
+bool Map::add_observation(PointId point_id, KeyframeId keyframe_id, std::uint32_t index) {
+  MapPoint& point = at(point_id);
+  Keyframe& keyframe = at(keyframe_id);
+  require(index < keyframe.points.size(), "Map::add_observation(index)",
+          "the keyframe has no such measurement", index);
+  if (keyframe.points[index].valid()) return false;
+  const auto it = lower_bound_keyframe(point.observations, keyframe_id);
+  if (it != point.observations.end() && it->keyframe == keyframe_id) return false;
+  for (const Observation& other : point.observations) change_covisibility(keyframe_id, other.keyframe, 1);
+  point.observations.insert(it, {keyframe_id, index});
+  keyframe.points[index] = point_id;
+  return true;
+}
+
+void Map::detach(MapPoint& point, std::size_t observation) {
+  const Observation gone = point.observations[observation];
+  at(gone.keyframe).points[gone.index] = PointId{};
+  point.observations.erase(point.observations.begin() + static_cast<std::ptrdiff_t>(observation));
+  for (const Observation& other : point.observations) change_covisibility(gone.keyframe, other.keyframe, -1);
+}
+
+void Map::remove_observation(PointId point_id, KeyframeId keyframe_id) {
+  MapPoint& point = at(point_id);
+  const auto it = lower_bound_keyframe(point.observations, keyframe_id);
+  if (it == point.observations.end() || it->keyframe != keyframe_id) return;
+  detach(point, static_cast<std::size_t>(it - point.observations.begin()));
+  if (point.observations.empty()) remove_point(point_id);
+}
+
+void Map::remove_point(PointId id) {
+  MapPoint& gone = at(id);
+  while (!gone.observations.empty()) detach(gone, gone.observations.size() - 1);
+  points_[id.value].reset();
+  --live_points_;
+}
+
+void Map::merge_points(PointId drop, PointId keep) {
+  require(drop != keep, "Map::merge_points(drop)", "a point cannot be merged into itself", drop.value);
+  MapPoint& dropped = at(drop);
+  MapPoint& kept = at(keep);
+  const std::vector<Observation> moved = dropped.observations;
+  kept.predicted += dropped.predicted;
+  kept.found += dropped.found;
+  remove_point(drop);
+  for (const Observation& o : moved) add_observation(keep, o.keyframe, o.index);
+  merged_into_[drop] = keep;
+}
+
+PointId Map::resolve(PointId id) const {
+  while (id.valid() && find(id) == nullptr) {
+    const auto it = merged_into_.find(id);
+    id = it == merged_into_.end() ? PointId{} : it->second;
+  }
+  return id;
+}
+
+void Map::set_appearance(PointId id, const OrbDescriptor& descriptor, const Vec3<float>& normal,
+                         float min_distance, float max_distance) {
+  MapPoint& point = at(id);
+  point.descriptor = descriptor;
+  point.normal = normal;
+  point.min_distance = min_distance;
+  point.max_distance = max_distance;
+}
+
+void Map::count_prediction(PointId id, int predicted, int found) {
+  MapPoint& point = at(id);
+  point.predicted += predicted;
+  point.found += found;
+}
+
+void Map::change_covisibility(KeyframeId a, KeyframeId b, int by) {
+  add_covisible(at(a).covisible, b, by);
+  add_covisible(at(b).covisible, a, by);
+}
+
+std::vector<Covisible> Map::best_covisible(KeyframeId id, std::size_t count, int min_points) const {
+  std::vector<Covisible> best;
+  for (const Covisible& c : keyframe(id).covisible)
+    if (c.points >= min_points) best.push_back(c);
+  std::stable_sort(best.begin(), best.end(),
+                   [](const Covisible& a, const Covisible& b) { return a.points > b.points; });
+  if (best.size() > count) best.resize(count);
+  return best;
+}
+
+int Map::shared_points(KeyframeId a, KeyframeId b) const {
+  const auto& list = keyframe(a).covisible;
+  const auto it = lower_bound_keyframe(list, b);
+  return it != list.end() && it->keyframe == b ? it->points : 0;
+}
+
+std::optional<std::string> Map::broken_invariant() const {
+  using std::to_string;
+  std::map<std::pair<KeyframeId, KeyframeId>, int> shared;
+  std::size_t observations = 0;
+  for (const auto& point : points_) {
+    if (!point) continue;
+    const std::string name = "point " + to_string(point->id.value);
+    if (point->observations.empty()) return name + " has no observation";
+    for (std::size_t i = 0; i < point->observations.size(); ++i) {
+      const Observation& o = point->observations[i];
+      const Keyframe* keyframe = find(o.keyframe);
+      if (!keyframe) return name + " is seen by the dead keyframe " + to_string(o.keyframe.value);
+      if (o.index >= keyframe->points.size() || keyframe->points[o.index] != point->id)
+        return name + " is not known to keyframe " + to_string(o.keyframe.value);
+      if (i > 0 && !(point->observations[i - 1].keyframe < o.keyframe))
+        return name + " has observations out of order";
+      for (std::size_t j = 0; j < i; ++j) ++shared[{point->observations[j].keyframe, o.keyframe}];
+      ++observations;
+    }
+  }
+  std::size_t slots = 0, pairs = 0;
+  for (const auto& keyframe : keyframes_) {
+    if (!keyframe) continue;
+    const std::string name = "keyframe " + to_string(keyframe->id.value);
+    for (const PointId point : keyframe->points) slots += point.valid();
+    for (const Covisible& c : keyframe->covisible) {
+      if (!find(c.keyframe))
+        return name + " is covisible with the dead keyframe " + to_string(c.keyframe.value);
+      const auto it = shared.find(std::minmax(keyframe->id, c.keyframe));
+      if (it == shared.end() || it->second != c.points)
+        return name + " counts " + to_string(c.points) + " points shared with keyframe " +
+               to_string(c.keyframe.value);
+      ++pairs;
+    }
+    std::size_t steps = 0;
+    for (const Keyframe* k = keyframe.get(); k->parent.valid(); ++steps) {
+      k = find(k->parent);
+      if (!k) return name + " has a dead ancestor";
+      if (k->map != keyframe->map) return name + " has an ancestor in another map";
+      if (steps > live_keyframes_) return name + " is its own ancestor";
+    }
+  }
+  if (slots != observations)
+    return "keyframes hold " + to_string(slots) + " points, points " + to_string(observations);
+  if (pairs != 2 * shared.size()) return "covisibility is not the same on both sides";
+  return std::nullopt;
+}
+
+}  // namespace sweepkit

@@ -1,0 +1,49 @@
+// SPDX-FileCopyrightText: The sweepkit authors
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <cstdint>
+#include <vector>
+
+#include "sweepkit/core/ids.hpp"
+#include "sweepkit/core/time.hpp"
+#include "sweepkit/feature/descriptor.hpp"
+#include "sweepkit/geometry/se3.hpp"
+
+namespace sweepkit {
+
+/// A key point as frames and maps keep it: in the rectified left camera, with what stereo said about it.
+struct Measurement {
+  float u = 0;         ///< column in the rectified left image [px]
+  float v = 0;         ///< row in the rectified left image [px]
+  float u_right = -1;  ///< column in the rectified right image, negative when there is no stereo match [px]
+  float sigma = 1;     ///< standard deviation of u and v [px]
+  float sigma_right = 1;    ///< standard deviation of u - u_right, the disparity [px]
+  float angle = 0;          ///< orientation in the raw image [rad]
+  std::int32_t octave = 0;  ///< pyramid level, 0 the full image
+
+  bool stereo() const { return u_right >= 0; }
+  float disparity() const { return u - u_right; }
+};
+
+/// A keyframe that shares points with another, and how many.
+struct Covisible {
+  KeyframeId keyframe;
+  int points = 0;
+};
+
+/// A frame that the map remembers. Its measurements never change; `points[i]` is the map point seen at
+/// measurement i.
+struct Keyframe {
+  KeyframeId id;
+  MapId map;
+  TimeNs t = 0;
+  SE3d T_camera_world;  ///< world to the rectified left camera
+  std::vector<Measurement> measurements;
+  std::vector<OrbDescriptor> descriptors;
+  std::vector<PointId> points;
+  std::vector<Covisible> covisible;  ///< sorted by keyframe; every count is at least 1
+  KeyframeId parent;                 ///< in the spanning tree; none for the first of a map
+};
+
+}  // namespace sweepkit
