@@ -1,0 +1,138 @@
+// SPDX-FileCopyrightText: The sweepkit authors
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <Eigen/QR>
+#include <cmath>
+#include <concepts>
+#include <cstdint>
+#include <optional>
+#include <vector>
+
+#include "sweepkit/geometry/so3.hpp"
+
+namespace sweepkit {
+
+/// A smooth map of an image's pixels to the plane, kept as one quadratic polynomial for each cell of 8x8 px:
+/// one cache line and a dozen multiplications a point instead of an iteration. A cell where the polynomial is
+/// not good enough, or where the map is not defined everywhere, says so, and the caller takes the slow way.
+/// Immutable after construction.
+class RectificationTable {
+ public:
+  static constexpr int kCellSize = 8;  ///< [px]
+  /// The largest error of a cell that is used, as seen at points between those it was fitted to [px].
+  static constexpr double kMaxError = 2.5e-4;
+
+  RectificationTable() = default;
+
+  /// @param map std::optional<Vec2<double>>(const Vec2<double>& pixel): the exact map
+  template <std::invocable<const Vec2<double>&> Map>
+  RectificationTable(int width, int height, const Map& map);
+
+  /// Writes the image of a pixel; false (and nothing written) where the table does not know it.
+  bool lookup(float x, float y, Vec2<float>& mapped) const {
+    const Cell* cell = find(x, y);
+    if (!cell) return false;
+    const float* c = cell->c[0];
+    const float* d = cell->c[1];
+    mapped.x() = c[0] + x * (c[1] + x * c[3] + y * c[4]) + y * (c[2] + y * c[5]);
+    mapped.y() = d[0] + x * (d[1] + x * d[3] + y * d[4]) + y * (d[2] + y * d[5]);
+    return true;
+  }
+  /// The same, with the derivative of the mapped point by the pixel.
+  bool lookup(float x, float y, Vec2<float>& mapped, Eigen::Matrix2f& J) const {
+    const Cell* cell = find(x, y);
+    if (!cell) return false;
+    for (int i = 0; i < 2; ++i) {
+      const float* c = cell->c[i];
+      mapped[i] = c[0] + x * (c[1] + x * c[3] + y * c[4]) + y * (c[2] + y * c[5]);
+      J(i, 0) = c[1] + 2 * x * c[3] + y * c[4];
+      J(i, 1) = c[2] + 2 * y * c[5] + x * c[4];
+    }
+    return true;
+  }
+
+  /// Part of the cells that the table answers for, from 0 to 1.
+  double coverage() const { return coverage_; }
+  std::size_t bytes() const { return cells_.size() * sizeof(Cell); }
+
+ private:
+  // With x, y from the cell's centre: c0 + c1 x + c2 y + c3 x^2 + c4 x y + c5 y^2, for each coordinate.
+  struct alignas(64) Cell {
+    float c[2][6];
+    std::uint32_t usable = 0;
+  };
+
+  /// The usable cell of a pixel; x and y become the offsets from its centre.
+  const Cell* find(float& x, float& y) const {
+    // Cell (0, 0) begins at the image's edge, -0.5.
+    const float u = x + 0.5f, v = y + 0.5f;
+    if (!(u >= 0 && v >= 0 && u < limit_x_ && v < limit_y_)) return nullptr;
+    const int column = static_cast<int>(u) / kCellSize, row = static_cast<int>(v) / kCellSize;
+    const Cell& cell = cells_[static_cast<std::size_t>(row) * columns_ + column];
+    x = u - (column * kCellSize + 0.5f * kCellSize);
+    y = v - (row * kCellSize + 0.5f * kCellSize);
+    return cell.usable ? &cell : nullptr;
+  }
+
+  int columns_ = 0, rows_ = 0;
+  float limit_x_ = 0, limit_y_ = 0;
+  double coverage_ = 0;
+  std::vector<Cell> cells_;
+};
+
+template <std::invocable<const Vec2<double>&> Map>
+RectificationTable::RectificationTable(int width, int height, const Map& map)
+    : columns_((width + kCellSize - 1) / kCellSize),
+      rows_((height + kCellSize - 1) / kCellSize),
+      limit_x_(static_cast<float>(width)),
+      limit_y_(static_cast<float>(height)),
+      cells_(static_cast<std::size_t>(columns_) * rows_) {
+  // Samples on a lattice that neighbouring cells share: five by five a cell. The nine of even index are those
+  // that the polynomial is fitted to, the others check it.
+  constexpr int kSteps = 4;
+  constexpr double kStep = double(kCellSize) / kSteps;
+  const int lattice_columns = columns_ * kSteps + 1, lattice_rows = rows_ * kSteps + 1;
+  std::vector<std::optional<Vec2<double>>> lattice(static_cast<std::size_t>(lattice_columns) * lattice_rows);
+  for (int i = 0; i < lattice_rows; ++i)
+    for (int j = 0; j < lattice_columns; ++j)
+      lattice[static_cast<std::size_t>(i) * lattice_columns + j] =
+          map(Vec2<double>(j * kStep - 0.5, i * kStep - 0.5));
+
+  const auto basis = [](double x, double y) {
+    Eigen::Matrix<double, 1, 6> b;
+    b << 1, x, y, x * x, x * y, y * y;
+    return b;
+  };
+  Eigen::Matrix<double, 9, 6> A;
+  for (int k = 0; k < 9; ++k) A.row(k) = basis((k % 3 - 1) * 2 * kStep, (k / 3 - 1) * 2 * kStep);
+  const Eigen::Matrix<double, 6, 9> fit = A.completeOrthogonalDecomposition().pseudoInverse();
+
+  std::size_t usable = 0;
+  for (int row = 0; row < rows_; ++row) {
+    for (int column = 0; column < columns_; ++column) {
+      const auto sample = [&](int i, int j) -> const std::optional<Vec2<double>>& {
+        return lattice[static_cast<std::size_t>(row * kSteps + i) * lattice_columns + column * kSteps + j];
+      };
+      bool good = true;
+      for (int k = 0; k < 25; ++k) good = good && sample(k / 5, k % 5).has_value();
+      if (!good) continue;
+      Eigen::Matrix<double, 9, 2> values;
+      for (int k = 0; k < 9; ++k) values.row(k) = *sample(k / 3 * 2, k % 3 * 2);
+      const Eigen::Matrix<double, 6, 2> c = fit * values;
+      for (int k = 0; k < 25; ++k) {
+        const Vec2<double> mapped = basis((k % 5 - 2) * kStep, (k / 5 - 2) * kStep) * c;
+        good = good && (mapped - *sample(k / 5, k % 5)).cwiseAbs().maxCoeff() <= kMaxError;
+      }
+      if (!good) continue;
+      Cell& cell = cells_[static_cast<std::size_t>(row) * columns_ + column];
+      for (int k = 0; k < 6; ++k)
+        for (int i = 0; i < 2; ++i) cell.c[i][k] = static_cast<float>(c(k, i));
+      cell.usable = 1;
+      ++usable;
+    }
+  }
+  coverage_ = cells_.empty() ? 0 : static_cast<double>(usable) / static_cast<double>(cells_.size());
+}
+
+}  // namespace sweepkit
