@@ -118,3 +118,23 @@ TEST_CASE("wrong use says what and where") {
   CHECK(!map.broken_invariant());
   CHECK(map.point_count() == 1);
 }
+
+TEST_CASE("a removed keyframe keeps its place beside its parent") {
+  Map map;
+  const MapId id = map.add_map();
+  const KeyframeId a = map.add_keyframe(blank_keyframe(id, {}));
+  Keyframe next = blank_keyframe(id, a);
+  next.T_camera_world = SE3d::exp((Vec6<double>() << 1, 2, 3, 0.1, 0.2, 0.3).finished());
+  const KeyframeId b = map.add_keyframe(next);
+  next.parent = b;
+  next.T_camera_world = SE3d::exp((Vec6<double>() << 2, 1, 0, 0.3, 0.1, 0.2).finished());
+  const KeyframeId c = map.add_keyframe(next);
+  const SE3d T_c_world = map.T_camera_world(c);
+  map.remove_keyframe(c);
+  map.remove_keyframe(b);
+  CHECK((map.T_camera_world(c).matrix() - T_c_world.matrix()).norm() < 1e-12);
+
+  const SE3d T_shift = SE3d::exp((Vec6<double>() << 5, 0, 0, 0, 0, 1).finished());
+  map.set_pose(a, map.T_camera_world(a) * T_shift);
+  CHECK((map.T_camera_world(c).matrix() - (T_c_world * T_shift).matrix()).norm() < 1e-12);
+}

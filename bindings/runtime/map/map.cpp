@@ -61,8 +61,18 @@ void Map::remove_keyframe(KeyframeId id) {
     if (point.valid()) remove_observation(point, id);
   for (auto& other : keyframes_)
     if (other && other->parent == id) other->parent = gone.parent;
+  removed_[id] = {gone.parent, gone.T_camera_world * keyframe(gone.parent).T_camera_world.inverse()};
   keyframes_[id.value].reset();
   --live_keyframes_;
+}
+
+SE3d Map::T_camera_world(KeyframeId id) const {
+  SE3d T_camera_ancestor;
+  for (auto it = removed_.find(id); it != removed_.end(); it = removed_.find(id)) {
+    T_camera_ancestor = T_camera_ancestor * it->second.T_camera_parent;
+    id = it->second.parent;
+  }
+  return T_camera_ancestor * keyframe(id).T_camera_world;
 }
 
 PointId Map::add_point(const Vec3<double>& p_world, KeyframeId keyframe_id, std::uint32_t index) {

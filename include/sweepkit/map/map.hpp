@@ -51,6 +51,8 @@ class Map {
   /// The point that stands for this id after merges; none if it was removed.
   PointId resolve(PointId id) const;
 
+  /// World to camera of a keyframe; of a removed one through the keyframe that was its parent, as it stood to it then.
+  SE3d T_camera_world(KeyframeId id) const;
   void set_pose(KeyframeId id, const SE3d& T_camera_world) { at(id).T_camera_world = T_camera_world; }
   void set_position(PointId id, const Vec3<double>& p_world) { at(id).p_world = p_world; }
   void set_appearance(PointId id, const OrbDescriptor& descriptor, const Vec3<float>& normal,
@@ -90,7 +92,13 @@ class Map {
 
   std::vector<std::unique_ptr<Keyframe>> keyframes_;  // by id
   std::vector<std::unique_ptr<MapPoint>> points_;     // by id
+  struct Removed {
+    KeyframeId parent;
+    SE3d T_camera_parent;
+  };
+
   std::unordered_map<PointId, PointId> merged_into_;
+  std::unordered_map<KeyframeId, Removed> removed_;
   std::size_t live_keyframes_ = 0;
   std::size_t live_points_ = 0;
   std::uint32_t map_count_ = 0;
