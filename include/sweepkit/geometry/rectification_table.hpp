@@ -13,15 +13,15 @@
 
 namespace sweepkit {
 
-/// A smooth map of an image's pixels to the plane, kept as one quadratic polynomial for each cell of 8x8 px:
-/// one cache line and a dozen multiplications a point instead of an iteration. A cell where the polynomial is
-/// not good enough, or where the map is not defined everywhere, says so, and the caller takes the slow way.
-/// Immutable after construction.
+/// A smooth map of an image's pixels to the plane, kept as one cubic polynomial for each cell of 8x8 px:
+/// a few cache lines and two dozen multiplications a point instead of an iteration. A cell where the
+/// polynomial is not good enough, or where the map is not defined everywhere, says so, and the caller takes
+/// the slow way. Immutable after construction.
 class RectificationTable {
  public:
   static constexpr int kCellSize = 8;  ///< [px]
-  /// The largest error of a cell that is used, as seen at points between those it was fitted to [px].
-  static constexpr double kMaxError = 2.5e-4;
+  /// The largest error of a cell that is used, at the points it was fitted to [px].
+  static constexpr double kMaxError = 5e-4;
 
   RectificationTable() = default;
 
@@ -33,21 +33,21 @@ class RectificationTable {
   bool lookup(float x, float y, Vec2<float>& mapped) const {
     const Cell* cell = find(x, y);
     if (!cell) return false;
-    const float* c = cell->c[0];
-    const float* d = cell->c[1];
-    mapped.x() = c[0] + x * (c[1] + x * c[3] + y * c[4]) + y * (c[2] + y * c[5]);
-    mapped.y() = d[0] + x * (d[1] + x * d[3] + y * d[4]) + y * (d[2] + y * d[5]);
+    for (int i = 0; i < 2; ++i) {
+      const float* c = cell->c[i];
+      mapped[i] = (c[0] + y * (c[2] + y * (c[5] + y * c[9]))) +
+                  x * ((c[1] + y * (c[4] + y * c[8])) + x * ((c[3] + y * c[7]) + x * c[6]));
+    }
     return true;
   }
   /// The same, with the derivative of the mapped point by the pixel.
   bool lookup(float x, float y, Vec2<float>& mapped, Eigen::Matrix2f& J) const {
+    if (!lookup(x, y, mapped)) return false;
     const Cell* cell = find(x, y);
-    if (!cell) return false;
     for (int i = 0; i < 2; ++i) {
       const float* c = cell->c[i];
-      mapped[i] = c[0] + x * (c[1] + x * c[3] + y * c[4]) + y * (c[2] + y * c[5]);
-      J(i, 0) = c[1] + 2 * x * c[3] + y * c[4];
-      J(i, 1) = c[2] + 2 * y * c[5] + x * c[4];
+      J(i, 0) = (c[1] + y * (c[4] + y * c[8])) + x * (2 * (c[3] + y * c[7]) + 3 * x * c[6]);
+      J(i, 1) = (c[2] + x * (c[4] + x * c[7])) + y * (2 * (c[5] + x * c[8]) + 3 * y * c[9]);
     }
     return true;
   }
@@ -57,9 +57,12 @@ class RectificationTable {
   std::size_t bytes() const { return cells_.size() * sizeof(Cell); }
 
  private:
-  // With x, y from the cell's centre: c0 + c1 x + c2 y + c3 x^2 + c4 x y + c5 y^2, for each coordinate.
-  struct alignas(64) Cell {
-    float c[2][6];
+  static constexpr int kTerms = 10;
+
+  // With x, y from the cell's centre, for each coordinate: c0 + c1 x + c2 y + c3 x^2 + c4 x y + c5 y^2 + c6
+  // x^3 + c7 x^2 y + c8 x y^2 + c9 y^3.
+  struct alignas(32) Cell {
+    float c[2][kTerms];
     std::uint32_t usable = 0;
   };
 
@@ -88,8 +91,8 @@ RectificationTable::RectificationTable(int width, int height, const Map& map)
       limit_x_(static_cast<float>(width)),
       limit_y_(static_cast<float>(height)),
       cells_(static_cast<std::size_t>(columns_) * rows_) {
-  // Samples on a lattice that neighbouring cells share: five by five a cell. The nine of even index are those
-  // that the polynomial is fitted to, the others check it.
+  // Samples on a lattice that neighbouring cells share: five by five a cell. The polynomial is their
+  // least-squares fit, whose largest error is at the corners and on the edges, which are among them.
   constexpr int kSteps = 4;
   constexpr double kStep = double(kCellSize) / kSteps;
   const int lattice_columns = columns_ * kSteps + 1, lattice_rows = rows_ * kSteps + 1;
@@ -100,13 +103,13 @@ RectificationTable::RectificationTable(int width, int height, const Map& map)
           map(Vec2<double>(j * kStep - 0.5, i * kStep - 0.5));
 
   const auto basis = [](double x, double y) {
-    Eigen::Matrix<double, 1, 6> b;
-    b << 1, x, y, x * x, x * y, y * y;
+    Eigen::Matrix<double, 1, kTerms> b;
+    b << 1, x, y, x * x, x * y, y * y, x * x * x, x * x * y, x * y * y, y * y * y;
     return b;
   };
-  Eigen::Matrix<double, 9, 6> A;
-  for (int k = 0; k < 9; ++k) A.row(k) = basis((k % 3 - 1) * 2 * kStep, (k / 3 - 1) * 2 * kStep);
-  const Eigen::Matrix<double, 6, 9> fit = A.completeOrthogonalDecomposition().pseudoInverse();
+  Eigen::Matrix<double, 25, kTerms> A;
+  for (int k = 0; k < 25; ++k) A.row(k) = basis((k % 5 - 2) * kStep, (k / 5 - 2) * kStep);
+  const Eigen::Matrix<double, kTerms, 25> fit = A.completeOrthogonalDecomposition().pseudoInverse();
 
   std::size_t usable = 0;
   for (int row = 0; row < rows_; ++row) {
@@ -117,16 +120,16 @@ RectificationTable::RectificationTable(int width, int height, const Map& map)
       bool good = true;
       for (int k = 0; k < 25; ++k) good = good && sample(k / 5, k % 5).has_value();
       if (!good) continue;
-      Eigen::Matrix<double, 9, 2> values;
-      for (int k = 0; k < 9; ++k) values.row(k) = *sample(k / 3 * 2, k % 3 * 2);
-      const Eigen::Matrix<double, 6, 2> c = fit * values;
+      Eigen::Matrix<double, 25, 2> values;
+      for (int k = 0; k < 25; ++k) values.row(k) = *sample(k / 5, k % 5);
+      const Eigen::Matrix<double, kTerms, 2> c = fit * values;
       for (int k = 0; k < 25; ++k) {
-        const Vec2<double> mapped = basis((k % 5 - 2) * kStep, (k / 5 - 2) * kStep) * c;
-        good = good && (mapped - *sample(k / 5, k % 5)).cwiseAbs().maxCoeff() <= kMaxError;
+        const Vec2<double> error = (A.row(k) * c - values.row(k)).transpose();
+        good = good && error.squaredNorm() <= kMaxError * kMaxError;
       }
       if (!good) continue;
       Cell& cell = cells_[static_cast<std::size_t>(row) * columns_ + column];
-      for (int k = 0; k < 6; ++k)
+      for (int k = 0; k < kTerms; ++k)
         for (int i = 0; i < 2; ++i) cell.c[i][k] = static_cast<float>(c(k, i));
       cell.usable = 1;
       ++usable;

@@ -78,6 +78,10 @@ class StereoRig {
   std::optional<Vec2<double>> unrectify(Side side, const Vec2<double>& rectified,
                                         Eigen::Matrix2d* J = nullptr) const;
 
+  /// The table behind rectify_fast of a side, to see how much of the image it answers for; empty if
+  /// is_rectified().
+  const RectificationTable& table(Side side) const { return (*tables_)[static_cast<int>(side)]; }
+
   /// As rectify, to within 1e-3 px, by a table in most of the image.
   std::optional<Vec2<float>> rectify_fast(Side side, const Vec2<float>& pixel) const {
     Vec2<float> rectified;
