@@ -1,0 +1,81 @@
+// SPDX-FileCopyrightText: The sweepkit authors
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <algorithm>
+#include <cmath>
+#include <cstddef>
+#include <cstdint>
+#include <numbers>
+#include <vector>
+
+#include "sweepkit/core/view.hpp"
+#include "sweepkit/feature/descriptor.hpp"
+#include "sweepkit/feature/orb_pattern.hpp"
+
+namespace sweepkit {
+
+/// Rotated BRIEF: compares pairs of pixels of a smoothed image around a key point, the pattern turned by the
+/// key point's angle. Angles are taken to the nearest of kAngles; the turned patterns are kept as offsets for
+/// one row stride, so that all levels of a pyramid share them.
+template <PairPattern Pattern = OrbPattern>
+class RotatedBrief {
+ public:
+  static constexpr int kBits = Pattern::kBits;
+  static constexpr int kAngles = 64;
+
+  /// No turned pattern reaches further from its centre [px].
+  static constexpr int radius() {
+    int largest = 0;
+    for (const PixelPair& p : Pattern::kPairs)
+      largest = std::max({largest, p.x1 * p.x1 + p.y1 * p.y1, p.x2 * p.x2 + p.y2 * p.y2});
+    int r = 0;
+    while (r * r < largest) ++r;
+    return r;
+  }
+
+  /// Makes the turned patterns for images of this stride; does nothing if they are there.
+  void prepare(std::ptrdiff_t stride) {
+    if (stride == stride_) return;
+    offsets_.resize(static_cast<std::size_t>(kAngles) * 2 * kBits);
+    auto* out = offsets_.data();
+    for (int a = 0; a < kAngles; ++a) {
+      const double angle = 2 * std::numbers::pi * a / kAngles;
+      const double c = std::cos(angle), s = std::sin(angle);
+      const auto turned = [&](int x, int y) {
+        return static_cast<std::int32_t>(std::lround(s * x + c * y) * stride + std::lround(c * x - s * y));
+      };
+      for (const PixelPair& p : Pattern::kPairs) {
+        *out++ = turned(p.x1, p.y1);
+        *out++ = turned(p.x2, p.y2);
+      }
+    }
+    stride_ = stride;
+  }
+
+  /// The descriptor at (x, y), at least radius() from the sides; prepare() came before with the image's
+  /// stride.
+  /// @param smoothed the image, smoothed
+  /// @param angle [rad], any turn
+  BinaryDescriptor<kBits> describe(GrayView smoothed, int x, int y, float angle) const {
+    constexpr float kStep = kAngles / (2 * std::numbers::pi_v<float>);
+    const int index = static_cast<int>(std::lround(angle * kStep)) & (kAngles - 1);
+    const std::int32_t* offset = offsets_.data() + static_cast<std::size_t>(index) * 2 * kBits;
+    const std::uint8_t* centre = smoothed.row(y) + x;
+    BinaryDescriptor<kBits> descriptor;
+    for (auto& word : descriptor.words) {
+      std::uint64_t bits = 0;
+      for (int i = 0; i < 64; ++i, offset += 2)
+        bits |= static_cast<std::uint64_t>(centre[offset[0]] < centre[offset[1]]) << i;
+      word = bits;
+    }
+    return descriptor;
+  }
+
+ private:
+  static_assert((kAngles & (kAngles - 1)) == 0, "angles wrap around by a mask");
+  std::vector<std::int32_t> offsets_;
+  std::ptrdiff_t stride_ = 0;
+};
+
+}  // namespace sweepkit
