@@ -6,6 +6,8 @@
 #include <Eigen/Geometry>
 #include <cmath>
 
+#include "sweepkit/geometry/impl/stumpff.hpp"
+
 namespace sweepkit {
 
 template <class S>
@@ -105,36 +107,15 @@ class SO3 {
 
   /// J_l with Exp(phi + d) = Exp(J_l d) Exp(phi) to first order; Barfoot eq. 7.77.
   static Mat3<S> left_jacobian(const Tangent& phi) {
-    using std::cos;
-    using std::sin;
-    using std::sqrt;
-    const S theta2 = phi.squaredNorm();
-    S a, b;  // J = I + a [phi]x + b [phi]x^2
-    if (theta2 < S(1e-6)) {
-      a = S(0.5) - theta2 / S(24);
-      b = S(1) / S(6) - theta2 / S(120);
-    } else {
-      const S theta = sqrt(theta2);
-      const S half = sin(theta * S(0.5));
-      a = S(2) * half * half / theta2;
-      b = (theta - sin(theta)) / (theta2 * theta);
-    }
+    const impl::Stumpff<S> c(phi.squaredNorm());
     const Mat3<S> W = hat(phi);
-    return Mat3<S>::Identity() + a * W + b * (W * W);
+    return Mat3<S>::Identity() + c.c2 * W + c.c3 * (W * W);
   }
+  /// The inverse of J_l, for angles below 2 pi; Barfoot eq. 7.76.
   static Mat3<S> left_jacobian_inverse(const Tangent& phi) {
-    using std::cos;
-    using std::sin;
-    using std::sqrt;
-    const S theta2 = phi.squaredNorm();
-    S b;
-    if (theta2 < S(1e-6)) {
-      b = S(1) / S(12) + theta2 / S(720);
-    } else {
-      const S theta = sqrt(theta2);
-      const S half = theta * S(0.5);
-      b = (S(1) - half * cos(half) / sin(half)) / theta2;
-    }
+    const impl::Stumpff<S> c(phi.squaredNorm());
+    // (1 - theta/2 cot(theta/2)) / theta^2, in terms that do not cancel near zero.
+    const S b = (c.c3 - S(2) * c.c4) / (S(2) * c.c2);
     const Mat3<S> W = hat(phi);
     return Mat3<S>::Identity() - S(0.5) * W + b * (W * W);
   }
@@ -145,6 +126,12 @@ class SO3 {
  private:
   Eigen::Quaternion<S> q_;
 };
+
+/// The rotation a part s of the way from R_a to R_b, along the shortest turn; s may lie outside [0, 1].
+template <class S>
+SO3<S> interpolate(const SO3<S>& R_a, const SO3<S>& R_b, const S& s) {
+  return R_a * SO3<S>::exp(s * (R_a.inverse() * R_b).log());
+}
 
 using SO3d = SO3<double>;
 using SO3f = SO3<float>;
