@@ -97,7 +97,9 @@ SWEEPKIT_TARGET_AVX2 inline void fast_score_row_avx2(const std::uint8_t* row, st
   const CircleOffsets circle = circle_offsets(stride);
   const __m256i zero = _mm256_setzero_si256();
   const __m256i t = _mm256_set1_epi8(static_cast<char>(threshold));
-  for (int x = 0; x + 32 <= count; x += 32) {
+  if (count < 32) return fast_score_row_portable(row, stride, 0, count, threshold, scores);
+  for (int block = 0; block < count; block += 32) {
+    const int x = std::min(block, count - 32);  // the last block may overlap the one before
     const std::uint8_t* p = row + x;
     const __m256i centre = load_32(p);
     // Differences beyond the threshold, each sign by itself: zero where within it.
@@ -128,14 +130,14 @@ SWEEPKIT_TARGET_AVX2 inline void fast_score_row_avx2(const std::uint8_t* row, st
     const __m256i none = _mm256_cmpeq_epi8(best, zero);
     store_32(scores + x, _mm256_andnot_si256(none, _mm256_add_epi8(best, t)));
   }
-  fast_score_row_portable(row, stride, count / 32 * 32, count, threshold, scores);
 }
 
 SWEEPKIT_TARGET_AVX2 inline int local_maxima_avx2(const std::uint8_t* scores, std::ptrdiff_t stride,
                                                   int count, std::int16_t* columns) {
+  if (count < 32) return local_maxima_portable(scores, stride, 0, count, 0, columns);
   int found = 0;
-  int x = 0;
-  for (; x + 32 <= count; x += 32) {
+  for (int block = 0; block < count; block += 32) {
+    const int x = std::min(block, count - 32);
     const std::uint8_t* p = scores + x;
     const __m256i score = load_32(p);
     if (_mm256_testz_si256(score, score)) continue;
@@ -147,9 +149,10 @@ SWEEPKIT_TARGET_AVX2 inline int local_maxima_avx2(const std::uint8_t* scores, st
     const __m256i not_above = _mm256_cmpeq_epi8(_mm256_max_epu8(score, before), before);
     const __m256i not_below = _mm256_cmpeq_epi8(_mm256_max_epu8(score, after), score);
     auto mask = static_cast<std::uint32_t>(_mm256_movemask_epi8(_mm256_andnot_si256(not_above, not_below)));
+    mask &= ~std::uint32_t{0} << (block - x);  // the block before had these
     for (; mask != 0; mask &= mask - 1) columns[found++] = static_cast<std::int16_t>(x + __builtin_ctz(mask));
   }
-  return local_maxima_portable(scores, stride, x, count, found, columns);
+  return found;
 }
 
 #endif

@@ -52,8 +52,6 @@ SWEEPKIT_TARGET_AVX2 inline void patch_moments_avx2(const std::uint8_t* centre, 
   const std::uint8_t* p = centre - kMomentRadius * stride - kMomentRadius;
   const __m256i ones = _mm256_set1_epi16(1);
   __m256i sum_x = _mm256_setzero_si256(), sum_y = _mm256_setzero_si256();
-  const auto load = [](const void* q)
-                        SWEEPKIT_TARGET_AVX2 { return _mm256_loadu_si256(static_cast<const __m256i*>(q)); };
   int row = 0;
   while (row < MomentWeights::kRows) {
     // A row adds at most 2 * 15 * 255 to a lane of 16 bits: four rows fit.

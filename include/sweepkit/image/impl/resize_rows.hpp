@@ -86,8 +86,6 @@ SWEEPKIT_TARGET_AVX2 inline void resize_row_avx2(const std::uint8_t* source, con
   for (int b = 0; b < columns.fast_blocks; b += 2) {
     const auto& low = columns.blocks[b];
     const auto& high = columns.blocks[b + 1];
-    const auto load = [](const void* p)
-                          SWEEPKIT_TARGET_AVX2 { return _mm_loadu_si128(static_cast<const __m128i*>(p)); };
     const __m128i a = _mm_maddubs_epi16(
         _mm_shuffle_epi8(load_16(source + columns.start[b]), load_16(&low.shuffle)), load_16(&low.weights));
     const __m128i c =
