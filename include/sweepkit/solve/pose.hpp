@@ -41,7 +41,7 @@ struct PoseOptions {
   double loss_scale = 1.0;
   double gate = 1.0;
   int max_iterations = 10;
-  int rounds = 3;
+  double tolerance = 0.01;
   int min_inliers = 5;
   bool point_uncertainty = true;
 
@@ -53,13 +53,13 @@ struct PoseOptions {
               {PoseLoss::cauchy, "cauchy"},
               {PoseLoss::geman_mcclure, "geman_mcclure"},
               {PoseLoss::tukey, "tukey"}},
-             "robust loss of the first round; those that redescend start wide and narrow down");
+             "robust loss of the first stage; those that redescend start wide and narrow down");
     v(loss_scale, "loss_scale", "", range(0.01, 100),
       "scale of the loss, as a multiple of the gate (a root of chi-square)");
     v(gate, "gate", "", range(0.01, 100), "multiplies the 95 % gates of chi-square: 5.99 mono, 7.81 stereo");
-    v(max_iterations, "max_iterations", "", range(1, 100), "iterations of a round");
-    v(rounds, "rounds", "", range(0, 20),
-      "least squares on the inliers, at most so often, until they stay the same");
+    v(max_iterations, "max_iterations", "", range(1, 100), "iterations of a stage of the descent");
+    v(tolerance, "tolerance", "", range(1e-9, 1),
+      "end when a step is smaller than this many standard deviations");
     v(min_inliers, "min_inliers", "", range(3, 1000), "with fewer, and without a prior, there is no pose");
     v(point_uncertainty, "point_uncertainty", "", any_value(),
       "count the uncertainty of points, as seen from the first pose");
@@ -83,19 +83,19 @@ struct PoseResult {
   int inliers = 0;         ///< observations within the gate, stereo or not
   int stereo_inliers = 0;  ///< those with u_right
   double chi2 = 0.0;       ///< of the inliers and the prior
-  int iterations = 0;      ///< linear systems solved, all rounds
+  int iterations = 0;      ///< linear systems solved
 
   bool converged() const { return status == PoseStatus::converged; }
   bool usable() const { return status == PoseStatus::converged || status == PoseStatus::not_converged; }
 };
 
 /// Four observations side by side, prepared for the sums.
-struct PoseBlock {
+struct alignas(32) PoseBlock {
   Eigen::Array4d x, y, z;         ///< p_world
   Eigen::Array4d u, v, d;         ///< measured, with the principal point taken off
   Eigen::Array4d wu, wv, wd;      ///< inverse variances; wd is 0 without u_right, all are 0 in empty lanes
   Eigen::Array4d gate, inv_gate;  ///< of chi2
-  Eigen::Array4d use;             ///< 1 or 0
+  Eigen::Array4d use;             ///< 0 in empty lanes, else 1
   Eigen::Array4d chi2;            ///< at the last linearization; huge behind the camera
 };
 
@@ -105,14 +105,15 @@ struct PoseWorkspace {
   std::vector<double> sorted;
 };
 
-/// The pose that explains where known points are seen: a first round with a robust loss, then least squares
-/// on those within the gate until these stay the same. Levenberg and Marquardt's method on SE(3) with the
-/// perturbation T_camera_world <- Exp(xi) T_camera_world and analytic Jacobians. Sums go in a fixed order.
-/// A loss that redescends starts with a scale at which the median counts as an inlier (graduated
-/// non-convexity), so that a poor start is no harm.
+/// The pose that explains where known points are seen: first with a robust loss over all, then by least
+/// squares on those within the gate, until these stay the same. Levenberg and Marquardt's method on SE(3)
+/// with the perturbation T_camera_world <- Exp(xi) T_camera_world and analytic Jacobians; sums in a fixed
+/// order. A loss that redescends starts so wide that most observations pull, and narrows down (graduated
+/// non-convexity, Blake and Zisserman 1987), so that a poor start does no harm. The covariance allows for
+/// what the gate takes from good observations.
 /// @param T_camera_world where to start
 /// @param inlier resized to the observations: 1 within the gate at the result, else 0; all 0 if not usable()
-/// @param prior counts at full weight in every round; may be null
+/// @param prior counts at full weight throughout; may be null
 /// @param workspace may be null
 /// Throws Error(argument) at a number that is not finite or a sigma that is not positive.
 PoseResult solve_pose(const RectifiedCamera& camera, const SE3d& T_camera_world,

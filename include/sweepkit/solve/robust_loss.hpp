@@ -58,6 +58,17 @@ struct GemanMcClureLoss {
   }
 };
 
+/// Least squares on what lies within the scale, as long as it does; all else costs the same and has no
+/// weight.
+struct TruncatedLoss {
+  static constexpr bool kRedescending = true;
+  template <class Array>
+  static void evaluate(const Array& t, Array& rho, Array& weight) {
+    rho = t.min(1.0);
+    weight = (t <= 1.0).select(Array::Ones(), Array::Zero());
+  }
+};
+
 /// Tukey's biweight: what lies beyond the scale has no weight at all.
 struct TukeyLoss {
   static constexpr bool kRedescending = true;

@@ -5,7 +5,7 @@
 #include <Eigen/Cholesky>
 #include <algorithm>
 #include <cmath>
-#include <optional>
+#include <numbers>
 
 #include "sweepkit/core/error.hpp"
 #include "sweepkit/solve/motion_error.hpp"
@@ -83,11 +83,21 @@ inline void prepare(const RectifiedCamera& camera, const SE3d& T_camera_world,
   }
 }
 
+inline void add_prior(const PosePrior& prior, const SE3d& T, Linearization& out) {
+  Mat6<double> J;
+  const Vec6<double> e = pose_error(T, prior.T_camera_world, &J);
+  const Vec6<double> weighted = prior.information * e;
+  out.H.noalias() += J.transpose() * prior.information * J;
+  out.g.noalias() += J.transpose() * weighted;
+  out.cost += e.dot(weighted);
+}
+
 /// The sums over all blocks; also leaves each observation's chi2 in its block.
 /// @param scale2 squared scale of the loss, in gates
 template <RobustLoss Loss>
-void linearize(const RectifiedCamera& camera, const SE3d& T, std::vector<PoseBlock>& blocks, double scale2,
-               const PosePrior* prior, Linearization& out) {
+[[gnu::noinline, gnu::flatten]] void linearize(const RectifiedCamera& camera, const SE3d& T,
+                                               std::vector<PoseBlock>& blocks, double scale2,
+                                               const PosePrior* prior, Linearization& out) {
   const Mat3<double> R = T.rotation().matrix();
   const Vec3<double> t = T.translation();
   const double f = camera.focal, bf = camera.focal * camera.baseline;
@@ -181,14 +191,7 @@ void linearize(const RectifiedCamera& camera, const SE3d& T, std::vector<PoseBlo
     for (int c = 0; c < r; ++c) H(r, c) = H(c, r);
   out.g << g0.sum(), g1.sum(), g2.sum(), g3.sum(), g4.sum(), g5.sum();
   out.cost = scale2 * cost.sum();
-  if (prior) {
-    Mat6<double> J;
-    const Vec6<double> e = pose_error(T, prior->T_camera_world, &J);
-    const Vec6<double> weighted = prior->information * e;
-    H.noalias() += J.transpose() * prior->information * J;
-    out.g.noalias() += J.transpose() * weighted;
-    out.cost += e.dot(weighted);
-  }
+  if (prior) add_prior(*prior, T, out);
 }
 
 /// Solves (D (H) D + lambda I) with D making H's diagonal ones; nothing if H has no full rank.
@@ -269,19 +272,17 @@ inline double median_error(const std::vector<PoseBlock>& blocks, std::vector<dou
   return *middle;
 }
 
-/// Marks what is within the gate; true if any mark changes.
-inline bool classify(std::vector<PoseBlock>& blocks, std::size_t count, int& inliers) {
-  bool changed = false;
-  inliers = 0;
-  for (std::size_t i = 0; i < count; ++i) {
-    PoseBlock& k = blocks[i / 4];
-    const Eigen::Index l = static_cast<Eigen::Index>(i % 4);
-    const double use = k.chi2[l] <= k.gate[l] ? 1.0 : 0.0;
-    changed |= use != k.use[l];
-    k.use[l] = use;
-    inliers += use > 0.0;
-  }
-  return changed;
+/// How much less than its inverse variance an observation within the gate c of chi-square tells of the
+/// pose, because the gate cuts the tails on which the sum of squares rests. For normal errors of k dimensions
+/// the estimate that solves sum J^T r [r^2 < c] = 0 has the covariance (J^T J)^-1 / F_{k+2}(c), F_n the
+/// distribution of chi-square (an M-estimator's, Huber 1981, section 6.3, by Stein's lemma), while F_k(c) of
+/// the observations are within.
+inline double gated_information(bool stereo, double c) {
+  const double tail = std::exp(-0.5 * c);
+  if (!stereo) return (1.0 - tail * (1.0 + 0.5 * c)) / (1.0 - tail);
+  const double density = std::sqrt(2.0 * c / std::numbers::pi) * tail;
+  const double f3 = std::erf(std::sqrt(0.5 * c)) - density;
+  return (f3 - density * c / 3.0) / f3;
 }
 
 }  // namespace pose_detail
@@ -307,52 +308,57 @@ PoseResult solve_pose_with(const RectifiedCamera& camera, const SE3d& T_camera_w
   result.T_camera_world = T_camera_world;
   const auto failed = [&](PoseStatus status) {
     result.status = status;
-    result.inliers = 0;
+    result.inliers = result.stereo_inliers = 0;
+    std::fill(inlier.begin(), inlier.end(), std::uint8_t{0});
     return result;
   };
 
   SE3d T = T_camera_world;
   Linearization at;
-  double scale2 = options.loss_scale * options.loss_scale;
+  const double scale2 = options.loss_scale * options.loss_scale;
+  linearize<Loss>(camera, T, blocks, scale2, prior, at);
   if constexpr (Loss::kRedescending) {
-    // Graduated non-convexity (Blake and Zisserman 1987): wide enough at first for most to pull.
-    const double final_scale2 = scale2;
-    linearize<QuadraticLoss>(camera, T, blocks, 1.0, nullptr, at);
     double wide = 2.0 * median_error(blocks, workspace.sorted);
-    while (wide > final_scale2) {
-      linearize<Loss>(camera, T, blocks, wide, prior, at);
-      descend<Loss>(camera, blocks, wide, prior, 4, 1.0, T, at, result.iterations);
-      wide = std::min(0.25 * wide, 2.0 * median_error(blocks, workspace.sorted));
+    if (wide > scale2) {
+      for (; wide > scale2; wide = std::min(0.25 * wide, 2.0 * median_error(blocks, workspace.sorted))) {
+        linearize<Loss>(camera, T, blocks, wide, prior, at);
+        descend<Loss>(camera, blocks, wide, prior, 4, 1.0, T, at, result.iterations);
+      }
+      linearize<Loss>(camera, T, blocks, scale2, prior, at);
     }
   }
-  linearize<Loss>(camera, T, blocks, scale2, prior, at);
-  bool converged =
-      descend<Loss>(camera, blocks, scale2, prior, options.max_iterations, 0.1, T, at, result.iterations);
+  // A third of a standard deviation is near enough to tell inliers from outliers.
+  descend<Loss>(camera, blocks, scale2, prior, options.max_iterations, 0.3, T, at, result.iterations);
+  linearize<TruncatedLoss>(camera, T, blocks, 1.0, prior, at);
+  const bool converged = descend<TruncatedLoss>(camera, blocks, 1.0, prior, options.max_iterations,
+                                                options.tolerance, T, at, result.iterations);
 
-  int inliers = 0;
-  bool changed = classify(blocks, observations.size(), inliers);
-  for (int round = 0; round < options.rounds; ++round) {
-    if (!prior && inliers < options.min_inliers) return failed(PoseStatus::too_few);
-    linearize<QuadraticLoss>(camera, T, blocks, 1.0, prior, at);
-    converged = descend<QuadraticLoss>(camera, blocks, 1.0, prior, options.max_iterations, 1e-3, T, at,
-                                       result.iterations);
-    changed = classify(blocks, observations.size(), inliers);
-    if (!changed) break;
-  }
-  if (!prior && inliers < options.min_inliers) return failed(PoseStatus::too_few);
-  if (changed || options.rounds == 0) linearize<QuadraticLoss>(camera, T, blocks, 1.0, prior, at);
-  ScaledCholesky cholesky;
-  if (!cholesky.compute(at.H, 0.0) || !T.matrix().allFinite()) return failed(PoseStatus::degenerate);
-
+  double chi2 = 0.0;
   for (std::size_t i = 0; i < observations.size(); ++i) {
-    inlier[i] = blocks[i / 4].use[static_cast<Eigen::Index>(i % 4)] > 0.0;
-    result.stereo_inliers += inlier[i] && !(observations[i].u_right < 0.0F);
+    const PoseBlock& k = blocks[i / 4];
+    const Eigen::Index l = static_cast<Eigen::Index>(i % 4);
+    inlier[i] = k.chi2[l] <= k.gate[l];
+    if (!inlier[i]) continue;
+    ++result.inliers;
+    result.stereo_inliers += !(observations[i].u_right < 0.0F);
+    chi2 += k.chi2[l];
   }
+  if (!prior && result.inliers < options.min_inliers) return failed(PoseStatus::too_few);
+
+  // Of the information only what the gate leaves; the prior went through no gate.
+  Linearization of_prior{Mat6<double>::Zero(), Vec6<double>::Zero(), 0.0};
+  if (prior) add_prior(*prior, T, of_prior);
+  const int mono_inliers = result.inliers - result.stereo_inliers;
+  const double kept = (mono_inliers * gated_information(false, options.gate * kGateMono) +
+                       result.stereo_inliers * gated_information(true, options.gate * kGateStereo)) /
+                      std::max(1, result.inliers);
+  ScaledCholesky cholesky;
+  if (!cholesky.compute(kept * (at.H - of_prior.H) + of_prior.H, 0.0)) return failed(PoseStatus::degenerate);
+
   result.T_camera_world = T;
   result.covariance = cholesky.inverse();
   result.status = converged ? PoseStatus::converged : PoseStatus::not_converged;
-  result.inliers = inliers;
-  result.chi2 = at.cost;
+  result.chi2 = chi2 + of_prior.cost;
   return result;
 }
 
