@@ -22,7 +22,7 @@ template <PairPattern Pattern = OrbPattern>
 class RotatedBrief {
  public:
   static constexpr int kBits = Pattern::kBits;
-  static constexpr int kAngles = 64;
+  static constexpr int kAngles = 128;
 
   /// No turned pattern reaches further from its centre [px].
   static constexpr int radius() {
