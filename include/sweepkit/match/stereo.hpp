@@ -69,7 +69,7 @@ class BasicStereoMatcher {
   Filter filter_;
 };
 
-using StereoMatcher = BasicStereoMatcher<NoRefinement, MedianFilter>;
+using StereoMatcher = BasicStereoMatcher<PatchRefinement, MedianFilter>;
 using StereoOptions = StereoMatcher::Options;
 
 }  // namespace sweepkit

@@ -38,4 +38,61 @@ struct NoRefinement {
               std::span<StereoMatch>) const {}
 };
 
+/// Compares the patch about the left key point with the right image along the epipolar line, in the raw
+/// images.
+///
+/// Both patches are sampled on the grid of the rectified pair through the local affine map of each camera
+/// (inverse of the Jacobian of rectification), so that a column of the grid is a pixel of disparity; of a
+/// pair that is rectified already they are plain copies. Zero-mean normalised correlation over whole pixels
+/// finds where to start; inverse-compositional Gauss-Newton on disparity, gain and offset (Baker and Matthews
+/// 2004) finishes. The gradient is taken from the left patch alone and the right one is read by four-point
+/// Lagrange interpolation, whose phase is right to fourth order: so neither noise nor interpolation draws the
+/// result to whole or half pixels, as the parabola through sums of absolute differences does. First on the
+/// pyramid level of the key point, then on level 0; the more certain result stays.
+class PatchRefinement {
+ public:
+  struct Options {
+    bool enabled = true;
+    int radius = 5;
+    int iterations = 6;
+    double max_shift = 2.5;
+    double min_correlation = 0.8;
+    double max_sigma = 0.5;
+    double image_noise = 2.0;
+    bool finish_on_full_image = true;
+
+    template <class Visitor>
+    void visit_options(Visitor& v) {
+      v(enabled, "enabled", "", any_value(), "refine disparities at all");
+      v(radius, "radius", "px", range(2, 7), "half side of the patch");
+      v(iterations, "iterations", "", range(1, 30), "Gauss-Newton steps at most");
+      v(max_shift, "max_shift", "px", range(0.5, 3.0),
+        "pairs that move farther from where key points put them, on the level of their octave, are removed");
+      v(min_correlation, "min_correlation", "", range(-1.0, 1.0),
+        "pairs whose patches correlate less are removed");
+      v(max_sigma, "max_sigma", "px", range(0.001, 100.0),
+        "pairs whose disparity is less certain, on the level of their octave, are removed: too little "
+        "texture "
+        "along the epipolar line");
+      v(image_noise, "image_noise", "", range(0.0, 50.0),
+        "least standard deviation of a pixel's grey value to expect");
+      v(finish_on_full_image, "finish_on_full_image", "", any_value(),
+        "refine once more on level 0, from the result on the level of the octave");
+    }
+  };
+
+  PatchRefinement(const StereoRig& rig, const Options& options) : rig_(rig), options_(options) {
+    check_options(options_);
+  }
+
+  void refine(const Features<256>& left, const ImagePyramid& left_pyramid, const Features<256>& right,
+              const ImagePyramid& right_pyramid, std::span<StereoMatch> matches) const;
+
+ private:
+  StereoRig rig_;
+  Options options_;
+};
+
+static_assert(StereoRefinement<PatchRefinement> && StereoRefinement<NoRefinement>);
+
 }  // namespace sweepkit
