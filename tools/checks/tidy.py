@@ -21,7 +21,7 @@ import sys
 
 import tree
 
-MOST = 12  # sources; a few seconds each
+MOST = 6  # sources; a few seconds each
 
 
 def git(*arguments):
