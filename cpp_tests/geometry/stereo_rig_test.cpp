@@ -371,6 +371,11 @@ TEST_CASE("what has no depth or no place is said", "[stereo_rig]") {
   CHECK_FALSE(rig.unrectify_fast(Side::left, Vec2<float>(0, static_cast<float>(nan))));
   CHECK_FALSE(rig.rectify_fast(Side::left, Vec2<float>(1e30f, 0)));
   CHECK_FALSE(rig.unrectify(Side::left, {1e9, 0}));
+  const StereoRig flat = kitti();
+  CHECK_FALSE(flat.rectify(Side::left, {nan, 0}));
+  CHECK_FALSE(flat.unrectify(Side::left, {0, nan}));
+  CHECK_FALSE(flat.rectify_fast(Side::left, Vec2<float>(static_cast<float>(nan), 0)));
+  CHECK_FALSE(flat.unrectify_fast(Side::left, Vec2<float>(0, static_cast<float>(nan))));
   std::vector<Position> pixels(3);
   std::vector<Vec2<float>> rectified(2);
   std::vector<std::uint8_t> valid(3);

@@ -2,7 +2,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
-#include <Eigen/QR>
 #include <cmath>
 #include <concepts>
 #include <cstdint>
@@ -102,37 +101,67 @@ RectificationTable::RectificationTable(int width, int height, const Map& map)
       lattice[static_cast<std::size_t>(i) * lattice_columns + j] =
           map(Vec2<double>(j * kStep - 0.5, i * kStep - 0.5));
 
-  const auto basis = [](double x, double y) {
-    Eigen::Matrix<double, 1, kTerms> b;
-    b << 1, x, y, x * x, x * y, y * y, x * x * x, x * x * y, x * y * y, y * y * y;
-    return b;
-  };
-  Eigen::Matrix<double, 25, kTerms> A;
-  for (int k = 0; k < 25; ++k) A.row(k) = basis((k % 5 - 2) * kStep, (k / 5 - 2) * kStep);
-  const Eigen::Matrix<double, kTerms, 25> fit = A.completeOrthogonalDecomposition().pseudoInverse();
+  // The polynomials 1, t, t^2 - 2, t^3 - 3.4 t are orthogonal on t = -2 .. 2, so that each coefficient of the
+  // fit in their products is a sum of samples.
+  constexpr double kP[4][5] = {
+      {1, 1, 1, 1, 1}, {-2, -1, 0, 1, 2}, {2, -1, -2, -1, 2}, {-1.2, 2.4, 0, -2.4, 1.2}};
+  constexpr double kNorm[4] = {5, 10, 14, 14.4};
 
   std::size_t usable = 0;
   for (int row = 0; row < rows_; ++row) {
     for (int column = 0; column < columns_; ++column) {
-      const auto sample = [&](int i, int j) -> const std::optional<Vec2<double>>& {
-        return lattice[static_cast<std::size_t>(row * kSteps + i) * lattice_columns + column * kSteps + j];
-      };
-      bool good = true;
-      for (int k = 0; k < 25; ++k) good = good && sample(k / 5, k % 5).has_value();
-      if (!good) continue;
-      Eigen::Matrix<double, 25, 2> values;
-      for (int k = 0; k < 25; ++k) values.row(k) = *sample(k / 5, k % 5);
-      const Eigen::Matrix<double, kTerms, 2> c = fit * values;
-      for (int k = 0; k < 25; ++k) {
-        const Vec2<double> error = (A.row(k) * c - values.row(k)).transpose();
-        good = good && error.squaredNorm() <= kMaxError * kMaxError;
-      }
-      if (!good) continue;
       Cell& cell = cells_[static_cast<std::size_t>(row) * columns_ + column];
-      for (int k = 0; k < kTerms; ++k)
-        for (int i = 0; i < 2; ++i) cell.c[i][k] = static_cast<float>(c(k, i));
-      cell.usable = 1;
-      ++usable;
+      double samples[2][5][5];
+      bool good = true;
+      for (int k = 0; k < 25 && good; ++k) {
+        const auto& sample = lattice[static_cast<std::size_t>(row * kSteps + k / 5) * lattice_columns +
+                                     column * kSteps + k % 5];
+        good = sample.has_value();
+        for (int i = 0; i < 2 && good; ++i) samples[i][k / 5][k % 5] = (*sample)[i];
+      }
+      double squared_error[25] = {};
+      for (int i = 0; i < 2 && good; ++i) {
+        double g[4][4];  // of P_m(x) P_n(y), m + n <= 3
+        double rows[4][5];
+        for (int m = 0; m < 4; ++m)
+          for (int y = 0; y < 5; ++y) {
+            double sum = 0;
+            for (int x = 0; x < 5; ++x) sum += samples[i][y][x] * kP[m][x];
+            rows[m][y] = sum / kNorm[m];
+          }
+        for (int m = 0; m < 4; ++m)
+          for (int n = 0; n < 4; ++n) {
+            double sum = 0;
+            for (int y = 0; y < 5; ++y) sum += rows[m][y] * kP[n][y];
+            g[m][n] = m + n < 4 ? sum / kNorm[n] : 0;
+          }
+        for (int y = 0; y < 5; ++y) {
+          double fitted[4] = {};
+          for (int m = 0; m < 4; ++m)
+            for (int n = 0; n < 4; ++n) fitted[m] += g[m][n] * kP[n][y];
+          for (int x = 0; x < 5; ++x) {
+            double error = -samples[i][y][x];
+            for (int m = 0; m < 4; ++m) error += fitted[m] * kP[m][x];
+            squared_error[y * 5 + x] += error * error;
+          }
+        }
+        // From products of P to powers of the offset in pixels.
+        const double s = 1 / kStep, s2 = s * s, s3 = s2 * s;
+        const double c[kTerms] = {g[0][0] - 2 * g[2][0] - 2 * g[0][2],
+                                  (g[1][0] - 2 * g[1][2] - 3.4 * g[3][0]) * s,
+                                  (g[0][1] - 2 * g[2][1] - 3.4 * g[0][3]) * s,
+                                  g[2][0] * s2,
+                                  g[1][1] * s2,
+                                  g[0][2] * s2,
+                                  g[3][0] * s3,
+                                  g[2][1] * s3,
+                                  g[1][2] * s3,
+                                  g[0][3] * s3};
+        for (int k = 0; k < kTerms; ++k) cell.c[i][k] = static_cast<float>(c[k]);
+      }
+      for (const double e : squared_error) good = good && e <= kMaxError * kMaxError;
+      cell.usable = good;
+      usable += good;
     }
   }
   coverage_ = cells_.empty() ? 0 : static_cast<double>(usable) / static_cast<double>(cells_.size());

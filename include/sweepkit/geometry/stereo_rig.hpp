@@ -3,6 +3,7 @@
 #pragma once
 
 #include <array>
+#include <cmath>
 #include <concepts>
 #include <cstdint>
 #include <memory>
@@ -140,7 +141,7 @@ class StereoRig {
   bool rectify_into(Side side, float x, float y, Vec2<float>& rectified) const {
     if (is_rectified_) {
       rectified = {x, y};
-      return true;
+      return std::isfinite(x) && std::isfinite(y);
     }
     if ((*tables_)[static_cast<int>(side)].lookup(x, y, rectified)) [[likely]]
       return true;
@@ -159,6 +160,30 @@ class StereoRig {
   std::shared_ptr<const std::array<RectificationTable, 2>> tables_;
 };
 
-}  // namespace sweepkit
+template <class S>
+std::optional<Vec3<S>> StereoRig::point_from_disparity(const Vec3<S>& uvd, Mat3<S>* J) const {
+  if (!(uvd.z() > S(0))) return std::nullopt;
+  const S scale = S(baseline_) / uvd.z();
+  const Vec3<S> p = scale * Vec3<S>(uvd.x() - S(center_.x()), uvd.y() - S(center_.y()), S(focal_));
+  if (J) {
+    *J << scale, S(0), -p.x() / uvd.z(),  //
+        S(0), scale, -p.y() / uvd.z(),    //
+        S(0), S(0), -p.z() / uvd.z();
+  }
+  return p;
+}
 
-#include "sweepkit/geometry/impl/stereo_rig.hpp"
+template <class S>
+std::optional<Vec3<S>> StereoRig::project_stereo(const Vec3<S>& p_camera, Mat3<S>* J) const {
+  if (!(p_camera.z() > S(0))) return std::nullopt;
+  const S scale = S(focal_) / p_camera.z();
+  const Vec3<S> projected = scale * Vec3<S>(p_camera.x(), p_camera.y(), S(baseline_));
+  if (J) {
+    *J << scale, S(0), -projected.x() / p_camera.z(),  //
+        S(0), scale, -projected.y() / p_camera.z(),    //
+        S(0), S(0), -projected.z() / p_camera.z();
+  }
+  return Vec3<S>(projected.x() + S(center_.x()), projected.y() + S(center_.y()), projected.z());
+}
+
+}  // namespace sweepkit

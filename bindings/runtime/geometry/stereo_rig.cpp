@@ -1,6 +1,6 @@
 // SPDX-FileCopyrightText: The sweepkit authors
 // SPDX-License-Identifier: Apache-2.0
-#pragma once
+#include "sweepkit/geometry/stereo_rig.hpp"
 
 #include <Eigen/LU>
 #include <algorithm>
@@ -9,22 +9,20 @@
 #include <sstream>
 #include <string>
 
-#include "sweepkit/geometry/stereo_rig.hpp"
-
 namespace sweepkit {
-namespace impl {
+namespace {
 
 /// A rectified ray nearer to the image plane than this is taken as lost: cos(85 degrees) in terms of z / |p|.
-inline constexpr double kMinRectifiedCosine = 0.08715574274765817;
+constexpr double kMinRectifiedCosine = 0.08715574274765817;
 
-[[noreturn]] inline void rig_fails(const char* place, const char* message, double value) {
+[[noreturn]] void rig_fails(const char* place, const char* message, double value) {
   std::ostringstream text;
   text << value;
   throw Error(ErrorKind::calibration, place, message, text.str());
 }
 
 /// A 4x4 matrix as a rigid motion, or an Error(calibration) that names what is wrong with it.
-inline SE3d checked_motion(const Eigen::Matrix4d& T, const char* place) {
+SE3d checked_motion(const Eigen::Matrix4d& T, const char* place) {
   for (int i = 0; i < 16; ++i)
     if (!std::isfinite(T(i / 4, i % 4))) rig_fails(place, "must be finite", T(i / 4, i % 4));
   const Eigen::RowVector4d last(0, 0, 0, 1);
@@ -38,42 +36,41 @@ inline SE3d checked_motion(const Eigen::Matrix4d& T, const char* place) {
   return SE3d(T);
 }
 
-}  // namespace impl
+}  // namespace
 
-inline StereoRig::StereoRig(const Camera& left, const Camera& right, const Eigen::Matrix4d& T_body_left,
-                            const Eigen::Matrix4d& T_body_right)
-    : StereoRig(left, right, impl::checked_motion(T_body_left, "T_body_left"),
-                impl::checked_motion(T_body_right, "T_body_right")) {}
+StereoRig::StereoRig(const Camera& left, const Camera& right, const Eigen::Matrix4d& T_body_left,
+                     const Eigen::Matrix4d& T_body_right)
+    : StereoRig(left, right, checked_motion(T_body_left, "T_body_left"),
+                checked_motion(T_body_right, "T_body_right")) {}
 
-inline StereoRig::StereoRig(const Camera& left, const Camera& right, const SE3d& T_body_left,
-                            const SE3d& T_body_right)
+StereoRig::StereoRig(const Camera& left, const Camera& right, const SE3d& T_body_left,
+                     const SE3d& T_body_right)
     : left_(left), right_(right), T_body_left_(T_body_left), T_body_right_(T_body_right) {
   constexpr double kMinBaseline = 1e-4;  // [m]
   const SE3d T_left_right = T_body_left.inverse() * T_body_right;
   const Mat3<double> R_left_right = T_left_right.rotation().matrix();
   if (!T_body_left.matrix().allFinite())
-    impl::rig_fails("T_body_left", "must be finite", T_body_left.matrix().sum());
+    rig_fails("T_body_left", "must be finite", T_body_left.matrix().sum());
   if (!T_body_right.matrix().allFinite())
-    impl::rig_fails("T_body_right", "must be finite", T_body_right.matrix().sum());
+    rig_fails("T_body_right", "must be finite", T_body_right.matrix().sum());
   baseline_ = T_left_right.translation().norm();
-  if (!(baseline_ >= kMinBaseline)) impl::rig_fails("baseline", "is zero or too small [m]", baseline_);
+  if (!(baseline_ >= kMinBaseline)) rig_fails("baseline", "is zero or too small [m]", baseline_);
 
   // The axes of the rectified frame, in the raw left camera.
   const Vec3<double> x_axis = T_left_right.translation() / baseline_;
   const double axes_cosine = R_left_right(2, 2);
   if (axes_cosine < 0.5)
-    impl::rig_fails("T_body_right", "the optical axes are more than 60 degrees apart [deg]",
-                    std::acos(std::clamp(axes_cosine, -1.0, 1.0)) * 180 / M_PI);
+    rig_fails("T_body_right", "the optical axes are more than 60 degrees apart [deg]",
+              std::acos(std::clamp(axes_cosine, -1.0, 1.0)) * 180 / M_PI);
   const Vec3<double> mean_axis = (Vec3<double>::UnitZ() + R_left_right.col(2)).normalized();
   const double along_view = x_axis.dot(mean_axis);
   if (std::abs(along_view) > std::sqrt(0.75))
-    impl::rig_fails("T_body_right", "the baseline runs along the viewing axis; its angle to it [deg]",
-                    std::acos(std::min(1.0, std::abs(along_view))) * 180 / M_PI);
+    rig_fails("T_body_right", "the baseline runs along the viewing axis; its angle to it [deg]",
+              std::acos(std::min(1.0, std::abs(along_view))) * 180 / M_PI);
   // A pair that is mounted upright has its x axis square to the baseline; only a clear opposite is a mistake.
   if (x_axis.x() < -0.5)
-    impl::rig_fails("T_body_right",
-                    "the right camera stands left of the left one; their distance along x [m]",
-                    T_left_right.translation().x());
+    rig_fails("T_body_right", "the right camera stands left of the left one; their distance along x [m]",
+              T_left_right.translation().x());
   const Vec3<double> z_axis = (mean_axis - along_view * x_axis).normalized();
   Mat3<double> R_left_camera;
   R_left_camera << x_axis, z_axis.cross(x_axis), z_axis;
@@ -104,10 +101,10 @@ inline StereoRig::StereoRig(const Camera& left, const Camera& right, const SE3d&
       const Vec2<double> middle(0.5 * (raw.width() - 1), 0.5 * (raw.height() - 1));
       const std::optional<Vec3<double>> ray = raw.unproject(middle);
       if (!ray)
-        impl::rig_fails("distortion_coefficients",
-                        "the middle of the image is outside the model's domain; "
-                        "its radius ends at",
-                        raw.max_radius());
+        rig_fails("distortion_coefficients",
+                  "the middle of the image is outside the model's domain; "
+                  "its radius ends at",
+                  raw.max_radius());
       const Vec3<double> p = R_camera_raw(side) * *ray;
       center_ += 0.5 * (middle - focal_ * p.head<2>() / p.z());
     }
@@ -137,9 +134,10 @@ inline StereoRig::StereoRig(const Camera& left, const Camera& right, const SE3d&
   }
 }
 
-inline std::optional<Vec2<double>> StereoRig::rectify(Side side, const Vec2<double>& pixel,
-                                                      Eigen::Matrix2d* J) const {
+std::optional<Vec2<double>> StereoRig::rectify(Side side, const Vec2<double>& pixel,
+                                               Eigen::Matrix2d* J) const {
   if (is_rectified_) {
+    if (!pixel.allFinite()) return std::nullopt;
     if (J) J->setIdentity();
     return pixel;
   }
@@ -148,7 +146,7 @@ inline std::optional<Vec2<double>> StereoRig::rectify(Side side, const Vec2<doub
   if (!ray) return std::nullopt;
   const Mat3<double>& R = R_camera_raw(side);
   const Vec3<double> p = R * *ray;
-  if (!(p.z() > impl::kMinRectifiedCosine * p.norm())) return std::nullopt;
+  if (!(p.z() > kMinRectifiedCosine * p.norm())) return std::nullopt;
   const Vec2<double> m = p.head<2>() / p.z();
   if (J) {
     Eigen::Matrix<double, 2, 3> J_p;
@@ -158,15 +156,16 @@ inline std::optional<Vec2<double>> StereoRig::rectify(Side side, const Vec2<doub
   return Vec2<double>(focal_ * m + center_);
 }
 
-inline std::optional<Vec2<double>> StereoRig::unrectify(Side side, const Vec2<double>& rectified,
-                                                        Eigen::Matrix2d* J) const {
+std::optional<Vec2<double>> StereoRig::unrectify(Side side, const Vec2<double>& rectified,
+                                                 Eigen::Matrix2d* J) const {
   if (is_rectified_) {
+    if (!rectified.allFinite()) return std::nullopt;
     if (J) J->setIdentity();
     return rectified;
   }
   const Vec2<double> m = (rectified - center_) / focal_;
   const Vec3<double> p(m.x(), m.y(), 1.0);
-  if (!(1.0 > impl::kMinRectifiedCosine * p.norm())) return std::nullopt;
+  if (!(1.0 > kMinRectifiedCosine * p.norm())) return std::nullopt;
   const Mat3<double>& R = R_camera_raw(side);
   Eigen::Matrix<double, 2, 3> J_p;
   const std::optional<Vec2<double>> pixel = camera(side).project(R.transpose() * p, J ? &J_p : nullptr);
@@ -174,9 +173,10 @@ inline std::optional<Vec2<double>> StereoRig::unrectify(Side side, const Vec2<do
   return pixel;
 }
 
-inline std::optional<Vec2<float>> StereoRig::rectify_fast(Side side, const Vec2<float>& pixel,
-                                                          Eigen::Matrix2f& J) const {
+std::optional<Vec2<float>> StereoRig::rectify_fast(Side side, const Vec2<float>& pixel,
+                                                   Eigen::Matrix2f& J) const {
   if (is_rectified_) {
+    if (!pixel.allFinite()) return std::nullopt;
     J.setIdentity();
     return pixel;
   }
@@ -190,15 +190,16 @@ inline std::optional<Vec2<float>> StereoRig::rectify_fast(Side side, const Vec2<
   return exact->cast<float>();
 }
 
-inline std::optional<Vec2<float>> StereoRig::unrectify_fast(Side side, const Vec2<float>& rectified,
-                                                            Eigen::Matrix2f* J) const {
+std::optional<Vec2<float>> StereoRig::unrectify_fast(Side side, const Vec2<float>& rectified,
+                                                     Eigen::Matrix2f* J) const {
   if (is_rectified_) {
+    if (!rectified.allFinite()) return std::nullopt;
     if (J) J->setIdentity();
     return rectified;
   }
   const Vec2<float> m = (rectified - center_.cast<float>()) / static_cast<float>(focal_);
   const Vec3<float> p(m.x(), m.y(), 1.0f);
-  if (!(1.0f > static_cast<float>(impl::kMinRectifiedCosine) * p.norm())) return std::nullopt;
+  if (!(1.0f > static_cast<float>(kMinRectifiedCosine) * p.norm())) return std::nullopt;
   const Mat3<float> R_raw_camera = R_camera_raw(side).transpose().cast<float>();
   Eigen::Matrix<float, 2, 3> J_p;
   const std::optional<Vec2<float>> pixel = camera(side).project<float>(R_raw_camera * p, J ? &J_p : nullptr);
@@ -206,34 +207,8 @@ inline std::optional<Vec2<float>> StereoRig::unrectify_fast(Side side, const Vec
   return pixel;
 }
 
-template <class S>
-std::optional<Vec3<S>> StereoRig::point_from_disparity(const Vec3<S>& uvd, Mat3<S>* J) const {
-  if (!(uvd.z() > S(0))) return std::nullopt;
-  const S scale = S(baseline_) / uvd.z();
-  const Vec3<S> p = scale * Vec3<S>(uvd.x() - S(center_.x()), uvd.y() - S(center_.y()), S(focal_));
-  if (J) {
-    *J << scale, S(0), -p.x() / uvd.z(),  //
-        S(0), scale, -p.y() / uvd.z(),    //
-        S(0), S(0), -p.z() / uvd.z();
-  }
-  return p;
-}
-
-template <class S>
-std::optional<Vec3<S>> StereoRig::project_stereo(const Vec3<S>& p_camera, Mat3<S>* J) const {
-  if (!(p_camera.z() > S(0))) return std::nullopt;
-  const S scale = S(focal_) / p_camera.z();
-  const Vec3<S> projected = scale * Vec3<S>(p_camera.x(), p_camera.y(), S(baseline_));
-  if (J) {
-    *J << scale, S(0), -projected.x() / p_camera.z(),  //
-        S(0), scale, -projected.y() / p_camera.z(),    //
-        S(0), S(0), -projected.z() / p_camera.z();
-  }
-  return Vec3<S>(projected.x() + S(center_.x()), projected.y() + S(center_.y()), projected.z());
-}
-
-inline Mat3<double> StereoRig::point_covariance(const Vec3<double>& uvd, double sigma_pixel,
-                                                double sigma_disparity) const {
+Mat3<double> StereoRig::point_covariance(const Vec3<double>& uvd, double sigma_pixel,
+                                         double sigma_disparity) const {
   require(uvd.z() > 0, "StereoRig::point_covariance uvd", "its disparity must be positive", uvd.z());
   Mat3<double> J;
   point_from_disparity<double>(uvd, &J);
