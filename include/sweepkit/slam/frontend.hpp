@@ -1,0 +1,88 @@
+// SPDX-FileCopyrightText: The sweepkit authors
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <vector>
+
+#include "sweepkit/core/options.hpp"
+#include "sweepkit/core/view.hpp"
+#include "sweepkit/feature/orb.hpp"
+#include "sweepkit/image/pyramid.hpp"
+#include "sweepkit/match/stereo.hpp"
+#include "sweepkit/slam/stereo_frame.hpp"
+
+namespace sweepkit {
+
+/// What the way from images to measurements may be told.
+struct FrontendOptions {
+  OrbOptions orb;
+  StereoOptions stereo;
+  double keypoint_sigma = 0.7;
+
+  template <class Visitor>
+  void visit_options(Visitor& v) {
+    v.group(orb, "orb", "key points");
+    v.group(stereo, "stereo", "stereo matching");
+    v(keypoint_sigma, "keypoint_sigma", "px", range(0.01, 10),
+      "standard deviation of a key point's position, on the level of its octave");
+  }
+};
+
+/// From a raw stereo image to a frame with measurements in the rectified camera: pyramids, ORB in both
+/// images, stereo matching. Keeps its buffers; one thread at a time; deterministic.
+class Frontend {
+ public:
+  Frontend(const StereoRig& rig, const FrontendOptions& options)
+      : options_(options), extractor_(options.orb), matcher_(rig, options.stereo) {}
+
+  /// First half: key points of both raw images, of the sizes that the rig has.
+  void extract(GrayView left, GrayView right) {
+    extract(left, left_pyramid_, left_features_);
+    extract(right, right_pyramid_, right_features_);
+  }
+
+  /// Second half: stereo matches, and from them the frame's measurements, descriptors and grid. Key points
+  /// outside the cameras' domain are left out.
+  void match(StereoFrame& frame) {
+    matcher_.match(left_features_, left_pyramid_, right_features_, right_pyramid_, {}, matches_);
+    collect(frame);
+  }
+
+  /// The pyramid of the last left image.
+  const ImagePyramid& left_pyramid() const { return left_pyramid_; }
+
+ private:
+  void extract(GrayView image, ImagePyramid& pyramid, Features<256>& features) {
+    pyramid.build(image, options_.orb.levels, options_.orb.scale_factor);
+    extractor_.extract(pyramid, features);
+  }
+
+  void collect(StereoFrame& frame) {
+    frame.measurements.clear();
+    frame.descriptors.clear();
+    for (std::size_t i = 0; i < matches_.size(); ++i) {
+      const StereoMatch& match = matches_[i];
+      if (!match.rectified) continue;
+      const KeyPoint& keypoint = left_features_.keypoints[i];
+      frame.measurements.push_back(
+          {.u = match.u_left,
+           .v = match.v_left,
+           .u_right = match.found() ? match.u_right : -1,
+           .sigma = static_cast<float>(options_.keypoint_sigma) * left_pyramid_.scale(keypoint.octave),
+           .sigma_right = match.found() ? match.sigma : 1,
+           .angle = keypoint.angle,
+           .octave = keypoint.octave});
+      frame.descriptors.push_back(left_features_.descriptors[i]);
+    }
+    frame.grid.build(frame.measurements);
+  }
+
+  FrontendOptions options_;
+  OrbExtractor extractor_;
+  StereoMatcher matcher_;
+  ImagePyramid left_pyramid_, right_pyramid_;
+  Features<256> left_features_, right_features_;
+  std::vector<StereoMatch> matches_;
+};
+
+}  // namespace sweepkit

@@ -1,0 +1,118 @@
+// SPDX-FileCopyrightText: The sweepkit authors
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <atomic>
+#include <memory>
+#include <vector>
+
+#include "sweepkit/core/options.hpp"
+#include "sweepkit/geometry/rectified_camera.hpp"
+#include "sweepkit/geometry/stereo_rig.hpp"
+#include "sweepkit/map/map.hpp"
+#include "sweepkit/slam/local_map.hpp"
+#include "sweepkit/slam/scale_levels.hpp"
+#include "sweepkit/slam/stereo_frame.hpp"
+#include "sweepkit/solve/bundle.hpp"
+
+namespace sweepkit {
+
+/// What local mapping may be told.
+struct LocalMapperOptions {
+  double max_depth_uncertainty = 0.2;
+  int fuse_keyframes = 12;
+  double fuse_radius = 3;
+  int fuse_distance = 50;
+  int window = 10;
+  int fixed_window = 20;
+  int local_keyframes = 40;
+  double revisit_distance = 1.5;
+  double revisit_angle = 50;
+  double cull_found_ratio = 0.25;
+  double cull_redundancy = 0.9;
+  int cull_observations = 3;
+  BundleOptions bundle;
+
+  template <class Visitor>
+  void visit_options(Visitor& v) {
+    v(max_depth_uncertainty, "max_depth_uncertainty", "", range(0.001, 1),
+      "largest share of its depth by which a stereo point may be uncertain to enter the map");
+    v(fuse_keyframes, "fuse_keyframes", "", range(0, 100),
+      "neighbours whose points are compared with a new keyframe's");
+    v(fuse_radius, "fuse_radius", "px", range(0.5, 50),
+      "how far a point may project from its double, at octave 0");
+    v(fuse_distance, "fuse_distance", "bits", range(0, 256),
+      "largest Hamming distance between a point and its double");
+    v(window, "window", "keyframes", range(1, 200), "keyframes that local bundle adjustment moves");
+    v(fixed_window, "fixed_window", "keyframes", range(1, 500), "further keyframes that hold it in place");
+    v(local_keyframes, "local_keyframes", "keyframes", range(1, 1000),
+      "keyframes whose points frames are tracked against");
+    v(revisit_distance, "revisit_distance", "m", range(0, 100),
+      "keyframes this near, looking the same way, are tracked against even if they share no points");
+    v(revisit_angle, "revisit_angle", "deg", range(0, 180),
+      "largest angle between the views of such keyframes");
+    v(cull_found_ratio, "cull_found_ratio", "", range(0, 1),
+      "points matched in a smaller share of the frames that should see them are removed");
+    v(cull_redundancy, "cull_redundancy", "", range(0.1, 1),
+      "a keyframe goes when others see this share of its points as well");
+    v(cull_observations, "cull_observations", "", range(1, 20),
+      "by how many others each of these points has to be seen");
+    v.group(bundle, "bundle", "local bundle adjustment");
+  }
+};
+
+/// How often a point should have been seen by frames, and was.
+struct PointCount {
+  PointId point;
+  int predicted = 0;
+  int found = 0;
+};
+
+/// A tracked frame that shall become a keyframe.
+struct KeyframeCandidate {
+  StereoFrame frame;
+  std::vector<PointCount> counts;  ///< since the last candidate
+  bool starts_map = false;         ///< it knows no points: its pose is where a map starts, or starts again
+};
+
+/// Owns the map: inserts keyframes, makes, fuses and culls points, adjusts the neighbourhood, and makes the
+/// copy that the tracker works with. One thread at a time; deterministic.
+class LocalMapper {
+ public:
+  LocalMapper(const RectifiedCamera& camera, const StereoRig::Bounds& view, const ScaleLevels& levels,
+              const LocalMapperOptions& options);
+
+  /// Everything that a new keyframe brings about.
+  /// @param stop bundle adjustment ends early once it is true
+  /// @return the tracker's new copy
+  std::shared_ptr<const LocalMap> process(KeyframeCandidate&& candidate,
+                                          const std::atomic<bool>* stop = nullptr);
+
+  const Map& map() const { return map_; }
+
+ private:
+  KeyframeId insert(KeyframeCandidate&& candidate);
+  void add_stereo_points(KeyframeId id);
+  void fuse(KeyframeId id);
+  void fuse_into(KeyframeId target, const std::vector<PointId>& points);
+  void cull_points(KeyframeId newest);
+  void adjust(KeyframeId id, const std::atomic<bool>* stop);
+  void cull_keyframes(KeyframeId newest);
+  void refresh_appearance(PointId id);
+  std::vector<KeyframeId> neighbourhood(KeyframeId id) const;
+  Vec3<float> spread(const MapPoint& point) const;
+  std::shared_ptr<const LocalMap> copy(KeyframeId newest) const;
+
+  RectifiedCamera camera_;
+  StereoRig::Bounds view_;
+  ScaleLevels levels_;
+  LocalMapperOptions options_;
+  Map map_;
+  MapId current_;
+  std::vector<PointId> recent_points_;
+  ProjectionMatcher matcher_;
+  KeypointGrid grid_;
+  std::vector<Match> matches_;
+};
+
+}  // namespace sweepkit
