@@ -50,6 +50,7 @@ class KeypointGrid {
             skip.size());
     const auto* p = std::ranges::data(points);
     order_.clear();
+    u_min_ = v_min_ = 0;
     float u_max = 0, v_max = 0;
     for (std::size_t i = 0; i < count; ++i) {
       if (!skip.empty() && skip[i]) continue;
