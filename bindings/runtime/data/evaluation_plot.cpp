@@ -151,12 +151,12 @@ std::string to_svg(const Evaluation& evaluation) {
       fmt::format(R"(<text x="70" y="28" font-size="14">APE rmse {:.4f} m over {:.2f} m, alignment {}</text>)"
                   "\n",
                   evaluation.ape_m.rmse, evaluation.path_m, evaluation.alignment);
-  svg += fmt::format(
-      R"(<text x="600" y="28"><tspan fill="{}">truth</tspan>  <tspan fill="{}" dx="12">estimate</tspan></text>)"
-      "\n",
-      kTruthColor, kEstimateColor);
   const char* names = "xyz";
   map.frame(svg, fmt::format("{} [m]", names[a]), fmt::format("{} [m]", names[b]));
+  svg += fmt::format(
+      R"(<text x="80" y="68"><tspan fill="{}">truth</tspan>  <tspan fill="{}" dx="12">estimate</tspan></text>)"
+      "\n",
+      kTruthColor, kEstimateColor);
   const auto place = [&](const SE3d& T) { return std::pair(T.translation()[a], T.translation()[b]); };
   map.polyline(svg, pairs.size(), kTruthColor, 3.0, [&](std::size_t i) { return place(pairs[i].truth); });
   map.polyline(svg, pairs.size(), kEstimateColor, 1.5,

@@ -233,7 +233,10 @@ inline std::string range_text(const Range& range) {
   if (!range.bounded()) return {};
   if (range.max == std::numeric_limits<double>::infinity()) return "at least " + number_text(range.min);
   if (range.min == -std::numeric_limits<double>::infinity()) return "at most " + number_text(range.max);
-  return "[" + number_text(range.min) + ", " + number_text(range.max) + "]";
+  // Not by operator+ on a literal: gcc 12 then warns of an overlap that there is not (-Wrestrict).
+  std::string text = number_text(range.min);
+  text.insert(text.begin(), '[');
+  return text.append(", ").append(number_text(range.max)).append("]");
 }
 
 /// Throws an option error unless each number of the option is finite and in its range and an enum is one of
