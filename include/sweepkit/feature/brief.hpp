@@ -22,6 +22,7 @@ template <PairPattern Pattern = OrbPattern>
 class RotatedBrief {
  public:
   static constexpr int kBits = Pattern::kBits;
+  static constexpr int kWords = kBits / 64;
   static constexpr int kAngles = 128;
 
   /// No turned pattern reaches further from its centre [px].
@@ -45,10 +46,12 @@ class RotatedBrief {
       const auto turned = [&](int x, int y) {
         return static_cast<std::int32_t>(std::lround(s * x + c * y) * stride + std::lround(c * x - s * y));
       };
-      for (const PixelPair& p : Pattern::kPairs) {
-        *out++ = turned(p.x1, p.y1);
-        *out++ = turned(p.x2, p.y2);
-      }
+      for (int bit = 63; bit >= 0; --bit)
+        for (int word = 0; word < kWords; ++word) {
+          const PixelPair& p = Pattern::kPairs[word * 64 + bit];
+          *out++ = turned(p.x1, p.y1);
+          *out++ = turned(p.x2, p.y2);
+        }
     }
     stride_ = stride;
   }
@@ -63,12 +66,12 @@ class RotatedBrief {
     const std::int32_t* offset = offsets_.data() + static_cast<std::size_t>(index) * 2 * kBits;
     const std::uint8_t* centre = smoothed.row(y) + x;
     BinaryDescriptor<kBits> descriptor;
-    for (auto& word : descriptor.words) {
-      std::uint64_t bits = 0;
-      for (int i = 0; i < 64; ++i, offset += 2)
-        bits |= static_cast<std::uint64_t>(centre[offset[0]] < centre[offset[1]]) << i;
-      word = bits;
-    }
+    // All words grow at once, highest bit first: independent chains of compare and add-with-carry.
+    for (int bit = 0; bit < 64; ++bit)
+      for (auto& word : descriptor.words) {
+        word = word + word + (centre[offset[0]] < centre[offset[1]]);
+        offset += 2;
+      }
     return descriptor;
   }
 

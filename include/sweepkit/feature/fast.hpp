@@ -54,7 +54,7 @@ class FastDetector {
     scores_.resize(columns + 2, rows + 2);
     std::fill_n(scores_.row(0), columns + 2, std::uint8_t{0});
     std::fill_n(scores_.row(rows + 1), columns + 2, std::uint8_t{0});
-    positions_.resize(static_cast<std::size_t>(columns) + 1);
+    positions_.resize(static_cast<std::size_t>(columns) + impl::kMaximaSlack);
     for (int y = 0; y <= rows; ++y) {
       if (y < rows) {
         std::uint8_t* scores = scores_.row(y + 1);
@@ -64,9 +64,11 @@ class FastDetector {
       if (y == 0) continue;
       const std::uint8_t* centre = scores_.row(y) + 1;
       const int found = impl::local_maxima(centre, scores_.stride(), columns, positions_.data());
+      const std::size_t before = corners.size();
+      corners.resize(before + found);
       for (int i = 0; i < found; ++i)
-        corners.push_back({static_cast<std::int16_t>(positions_[i] + border),
-                           static_cast<std::int16_t>(y - 1 + border), centre[positions_[i]]});
+        corners[before + i] = {static_cast<std::int16_t>(positions_[i] + border),
+                               static_cast<std::int16_t>(y - 1 + border), centre[positions_[i]]};
     }
   }
 

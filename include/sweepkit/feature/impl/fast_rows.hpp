@@ -40,31 +40,88 @@ inline int fast_score(const std::uint8_t* centre, const CircleOffsets& circle) {
   return std::max(brighter, darker);
 }
 
-/// scores[x] = the score of row[x] where it exceeds the threshold, else 0.
-inline void fast_score_row_portable(const std::uint8_t* row, std::ptrdiff_t stride, int from, int count,
-                                    int threshold, std::uint8_t* scores) {
-  const CircleOffsets circle = circle_offsets(stride);
-  for (int x = from; x < count; ++x) {
-    const std::uint8_t* p = row + x;
-    scores[x] = 0;
-    // Nine neighbours in a row hold one of each pair of opposite ones.
-    const int high = *p + threshold, low = *p - threshold;
-    int sides = 3;
-    for (int i = 0; i < 8; i += 2) {
-      const int a = p[circle[i]], b = p[circle[i + 8]];
-      sides &= (a > high || b > high) | ((a < low || b < low) << 1);
+/// One byte of each of a block of neighbouring pixels. Loops over it become vector code of whatever machine.
+inline constexpr int kFastBlock = 32;
+using FastLanes = std::array<std::uint8_t, kFastBlock>;
+
+// By value: std::min chooses between addresses, which keeps the loops scalar.
+constexpr std::uint8_t smaller(std::uint8_t a, std::uint8_t b) { return a < b ? a : b; }
+constexpr std::uint8_t larger(std::uint8_t a, std::uint8_t b) { return a > b ? a : b; }
+
+/// Largest minimum of nine neighbours in a row, for a block of circles.
+inline void best_arc_portable(const std::array<FastLanes, 16>& d, FastLanes& best) {
+  std::array<FastLanes, 8> two, four;
+  for (int i = 0; i < 8; ++i)
+    for (int k = 0; k < kFastBlock; ++k) two[i][k] = smaller(d[2 * i + 1][k], d[(2 * i + 2) & 15][k]);
+  for (int i = 0; i < 8; ++i)
+    for (int k = 0; k < kFastBlock; ++k) four[i][k] = smaller(two[i][k], two[(i + 1) & 7][k]);
+  for (int i = 0; i < 8; ++i)
+    for (int k = 0; k < kFastBlock; ++k)
+      best[k] = larger(best[k], smaller(smaller(four[i][k], four[(i + 2) & 7][k]),
+                                        larger(d[2 * i][k], d[(2 * i + 9) & 15][k])));
+}
+
+/// The block's scores where they exceed the threshold, else 0.
+inline void fast_score_block_portable(const std::uint8_t* p, const CircleOffsets& circle, int threshold,
+                                      std::uint8_t* scores) {
+  const auto t = static_cast<std::uint8_t>(threshold), headroom = static_cast<std::uint8_t>(255 - threshold);
+  FastLanes high, low;
+  for (int k = 0; k < kFastBlock; ++k) {
+    high[k] = static_cast<std::uint8_t>(smaller(p[k], headroom) + t);
+    low[k] = static_cast<std::uint8_t>(larger(p[k], t) - t);
+  }
+  // Differences beyond the threshold, each sign by itself; zero where within it.
+  std::array<FastLanes, 16> brighter, darker;
+  const auto compare = [&](int i) {
+    const std::uint8_t* q = p + circle[i];
+    for (int k = 0; k < kFastBlock; ++k) {
+      brighter[i][k] = static_cast<std::uint8_t>(larger(q[k], high[k]) - high[k]);
+      darker[i][k] = static_cast<std::uint8_t>(low[k] - smaller(q[k], low[k]));
     }
-    if (sides == 0) continue;
-    const int score = fast_score(p, circle);
-    if (score > threshold) scores[x] = static_cast<std::uint8_t>(score);
+  };
+  // Nine neighbours in a row hold one of each pair of opposite ones.
+  for (const int i : {0, 4, 8, 12}) compare(i);
+  std::uint8_t any = 0;
+  for (int k = 0; k < kFastBlock; ++k)
+    any |= smaller(larger(brighter[0][k], brighter[8][k]), larger(brighter[4][k], brighter[12][k])) |
+           smaller(larger(darker[0][k], darker[8][k]), larger(darker[4][k], darker[12][k]));
+  FastLanes best{};
+  if (any != 0) {
+    for (const int i : {1, 2, 3, 5, 6, 7, 9, 10, 11, 13, 14, 15}) compare(i);
+    best_arc_portable(brighter, best);
+    best_arc_portable(darker, best);
+  }
+  for (int k = 0; k < kFastBlock; ++k)
+    scores[k] = best[k] == 0 ? std::uint8_t{0} : static_cast<std::uint8_t>(best[k] + t);
+}
+
+/// scores[x] = the score of row[x] where it exceeds the threshold, else 0.
+inline void fast_score_row_portable(const std::uint8_t* row, std::ptrdiff_t stride, int count, int threshold,
+                                    std::uint8_t* scores) {
+  const CircleOffsets circle = circle_offsets(stride);
+  if (count < kFastBlock) {
+    for (int x = 0; x < count; ++x) {
+      const int score = fast_score(row + x, circle);
+      scores[x] = score > threshold ? static_cast<std::uint8_t>(score) : std::uint8_t{0};
+    }
+    return;
+  }
+  for (int block = 0; block < count; block += kFastBlock) {
+    const int x = std::min(block, count - kFastBlock);  // the last block may overlap the one before
+    fast_score_block_portable(row + x, circle, threshold, scores + x);
   }
 }
 
+/// Vector code writes so many columns beyond the last.
+inline constexpr int kMaximaSlack = 4;
+
 /// Columns whose score is above zero, above the neighbours before them in reading order, and not below those
-/// after. Neighbours of all columns must be readable. Returns how many; `columns` has room for count + 1.
-inline int local_maxima_portable(const std::uint8_t* scores, std::ptrdiff_t stride, int from, int count,
-                                 int found, std::int16_t* columns) {
-  for (int x = from; x < count; ++x) {
+/// after. Neighbours of all columns must be readable. Returns how many; `columns` has room for count +
+/// kMaximaSlack.
+inline int local_maxima_portable(const std::uint8_t* scores, std::ptrdiff_t stride, int count,
+                                 std::int16_t* columns) {
+  int found = 0;
+  for (int x = 0; x < count; ++x) {
     const std::uint8_t* p = scores + x;
     if (*p == 0) continue;
     const int before = std::max(std::max(p[-1], p[-stride - 1]), std::max(p[-stride], p[-stride + 1]));
@@ -97,7 +154,7 @@ SWEEPKIT_TARGET_AVX2 inline void fast_score_row_avx2(const std::uint8_t* row, st
   const CircleOffsets circle = circle_offsets(stride);
   const __m256i zero = _mm256_setzero_si256();
   const __m256i t = _mm256_set1_epi8(static_cast<char>(threshold));
-  if (count < 32) return fast_score_row_portable(row, stride, 0, count, threshold, scores);
+  if (count < 32) return fast_score_row_portable(row, stride, count, threshold, scores);
   for (int block = 0; block < count; block += 32) {
     const int x = std::min(block, count - 32);  // the last block may overlap the one before
     const std::uint8_t* p = row + x;
@@ -134,13 +191,12 @@ SWEEPKIT_TARGET_AVX2 inline void fast_score_row_avx2(const std::uint8_t* row, st
 
 SWEEPKIT_TARGET_AVX2 inline int local_maxima_avx2(const std::uint8_t* scores, std::ptrdiff_t stride,
                                                   int count, std::int16_t* columns) {
-  if (count < 32) return local_maxima_portable(scores, stride, 0, count, 0, columns);
+  if (count < 32) return local_maxima_portable(scores, stride, count, columns);
   int found = 0;
   for (int block = 0; block < count; block += 32) {
     const int x = std::min(block, count - 32);
     const std::uint8_t* p = scores + x;
     const __m256i score = load_32(p);
-    if (_mm256_testz_si256(score, score)) continue;
     const __m256i before = _mm256_max_epu8(_mm256_max_epu8(load_32(p - 1), load_32(p - stride - 1)),
                                            _mm256_max_epu8(load_32(p - stride), load_32(p - stride + 1)));
     const __m256i after = _mm256_max_epu8(_mm256_max_epu8(load_32(p + 1), load_32(p + stride - 1)),
@@ -150,7 +206,13 @@ SWEEPKIT_TARGET_AVX2 inline int local_maxima_avx2(const std::uint8_t* scores, st
     const __m256i not_below = _mm256_cmpeq_epi8(_mm256_max_epu8(score, after), score);
     auto mask = static_cast<std::uint32_t>(_mm256_movemask_epi8(_mm256_andnot_si256(not_above, not_below)));
     mask &= ~std::uint32_t{0} << (block - x);  // the block before had these
-    for (; mask != 0; mask &= mask - 1) columns[found++] = static_cast<std::int16_t>(x + __builtin_ctz(mask));
+    // Most blocks hold few: writing four in any case spares a branch that nobody can predict.
+    const int here = __builtin_popcount(mask);
+    for (int i = 0; i < kMaximaSlack; ++i, mask = _blsr_u32(mask))
+      columns[found + i] = static_cast<std::int16_t>(x + static_cast<int>(_tzcnt_u32(mask)));
+    for (int i = kMaximaSlack; mask != 0; ++i, mask = _blsr_u32(mask))
+      columns[found + i] = static_cast<std::int16_t>(x + static_cast<int>(_tzcnt_u32(mask)));
+    found += here;
   }
   return found;
 }
@@ -162,14 +224,14 @@ inline void fast_score_row(const std::uint8_t* row, std::ptrdiff_t stride, int c
 #ifdef SWEEPKIT_HAVE_AVX2
   if (simd_level() == SimdLevel::avx2) return fast_score_row_avx2(row, stride, count, threshold, scores);
 #endif
-  fast_score_row_portable(row, stride, 0, count, threshold, scores);
+  fast_score_row_portable(row, stride, count, threshold, scores);
 }
 
 inline int local_maxima(const std::uint8_t* scores, std::ptrdiff_t stride, int count, std::int16_t* columns) {
 #ifdef SWEEPKIT_HAVE_AVX2
   if (simd_level() == SimdLevel::avx2) return local_maxima_avx2(scores, stride, count, columns);
 #endif
-  return local_maxima_portable(scores, stride, 0, count, 0, columns);
+  return local_maxima_portable(scores, stride, count, columns);
 }
 
 }  // namespace sweepkit::impl
