@@ -59,6 +59,7 @@ TEMPLATE_TEST_CASE("a moved and scaled set is brought back exactly", "[alignment
     CHECK(std::abs(found->scale / scale - 1.0) < 10 * tolerance);
     CHECK(found->rmse < 10 * tolerance * scale);
     if (points.size() > 3) CHECK_FALSE(found->mirrored);
+    CHECK((found->similarity() * src[0] - *found * src[0]).norm() < 10 * tolerance * scale);
     CHECK((*found * src[0] - dst[0]).norm() < 50 * tolerance * scale);
   }
 }

@@ -11,6 +11,7 @@
 
 #include "sweepkit/core/error.hpp"
 #include "sweepkit/geometry/se3.hpp"
+#include "sweepkit/geometry/sim3.hpp"
 
 namespace sweepkit {
 
@@ -22,6 +23,7 @@ struct Alignment {
   S rmse = S(0);          ///< root of the weighted mean of squared distances after it [m]
   bool mirrored = false;  ///< a reflection would fit better: one set is mirrored, or flat within its noise
 
+  Sim3<S> similarity() const { return {T_dst_src.rotation(), T_dst_src.translation(), scale}; }
   Vec3<S> operator*(const Vec3<S>& p_src) const {
     return scale * (T_dst_src.rotation() * p_src) + T_dst_src.translation();
   }
