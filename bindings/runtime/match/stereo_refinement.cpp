@@ -278,6 +278,7 @@ SWEEPKIT_ALWAYS_INLINE void refine_all(const StereoRig& rig, const PatchRefineme
                                        const Features<256>& right, const ImagePyramid& right_pyramid,
                                        std::span<StereoMatch> matches) {
   const bool aligned = rig.is_rectified();
+  const auto floor = static_cast<float>(options.sigma_floor);
   const int reach = std::min(kReach, static_cast<int>(std::ceil(options.max_shift)));
   for (std::size_t i = 0; i < matches.size(); ++i) {
     StereoMatch& match = matches[i];
@@ -322,7 +323,7 @@ SWEEPKIT_ALWAYS_INLINE void refine_all(const StereoRig& rig, const PatchRefineme
     }
     match.disparity = result.disparity;
     match.u_right = match.u_left - result.disparity;
-    match.sigma = result.sigma;
+    match.sigma = std::sqrt(result.sigma * result.sigma + floor * floor);
   }
 }
 

@@ -45,7 +45,7 @@ struct NoFilter {
 class MedianFilter {
  public:
   struct Options {
-    double factor = 2.1;
+    double factor = 4;
 
     template <class Visitor>
     void visit_options(Visitor& v) {

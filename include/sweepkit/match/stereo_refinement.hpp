@@ -55,10 +55,11 @@ class PatchRefinement {
     bool enabled = true;
     int radius = 5;
     int iterations = 6;
-    double max_shift = 2.5;
+    double max_shift = 3.0;
     double min_correlation = 0.8;
     double max_sigma = 0.5;
     double image_noise = 2.0;
+    double sigma_floor = 0.05;
     bool finish_on_full_image = true;
 
     template <class Visitor>
@@ -76,6 +77,9 @@ class PatchRefinement {
         "along the epipolar line");
       v(image_noise, "image_noise", "", range(0.0, 50.0),
         "least standard deviation of a pixel's grey value to expect");
+      v(sigma_floor, "sigma_floor", "px", range(0.0, 10.0),
+        "added in quadrature to the standard deviation that noise alone explains: calibration, slanted "
+        "surfaces");
       v(finish_on_full_image, "finish_on_full_image", "", any_value(),
         "refine once more on level 0, from the result on the level of the octave");
     }

@@ -32,7 +32,7 @@ struct StereoMatch {
 struct StereoSearchOptions {
   double row_tolerance = 2.0;
   double threshold = 16.0;
-  int max_distance = 75;
+  int max_distance = 100;
   int max_octave_difference = 1;
   double ratio = 0.9;
   bool left_right_check = true;
