@@ -40,7 +40,7 @@ struct BundleProblem {
 };
 
 struct BundleOptions {
-  int robust_iterations = 5;
+  int robust_iterations = 3;
   int iterations = 5;
   double gate = 1.0;
   double function_tolerance = 1e-4;
