@@ -55,7 +55,7 @@ int run_program(int argc, char** argv, const ProgramInfo& info, const OptionList
                 const std::function<int()>& body) {
   CLI::App app(info.purpose, info.name);
   app.set_help_flag("-h,--help", "Say this, with every option, its unit, default and range");
-  app.set_version_flag("--version", info.name + " " + version());
+  app.set_version_flag("--version", info.name + " " + version(), "Print the version, and end");
   std::string config;
   std::vector<std::string> assignments;
   bool dump_config = false, help_markdown = false;
@@ -80,7 +80,8 @@ int run_program(int argc, char** argv, const ProgramInfo& info, const OptionList
         ->type_name(option->unit.empty() ? "VALUE" : option->unit);
   }
   for (const WordFlag& word : info.words)
-    app.add_option(word.flag, *word.value, word.doc)->type_name(word.value_name)->required(word.required);
+    app.add_option(word.flag, *word.value, word.doc + (word.required ? " (required)" : ""))
+        ->type_name(word.value_name);
   for (const SwitchFlag& flag : info.switches) app.add_flag(flag.flag, *flag.value, flag.doc);
   app.footer([&] {
     return examples_text(info) +
@@ -115,6 +116,10 @@ int run_program(int argc, char** argv, const ProgramInfo& info, const OptionList
       fmt::print("{}", options_to_markdown(options, "Options of " + info.name));
       return 0;
     }
+    // Not left to CLI11: --dump-config needs none of them.
+    for (const WordFlag& word : info.words)
+      if (word.required && app.count(word.flag) == 0)
+        return complain(info, word.flag + " " + word.value_name + " is required; see --help", kWrongUsage);
     catch_signals();
     const int code = body();
     return interrupted() ? kInterrupted : code;

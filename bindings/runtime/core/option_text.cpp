@@ -106,8 +106,7 @@ void assign(const OptionRef& option, const YAML::Node& node, const std::string& 
     double value = 0.0;
     if (!scalar.IsScalar() || !parse_number(scalar.Scalar(), value) || !std::isfinite(value))
       fail(wanted(option));
-    if (!option.range.contains(value))
-      fail("must be in " + range_text(option.range) + (option.unit.empty() ? "" : " " + option.unit));
+    if (!option.range.contains(value)) fail(requirement_text(option));
     return value;
   };
   if (const auto* list = std::get_if<std::vector<double>*>(&option.pointer)) {
@@ -134,7 +133,7 @@ void assign(const OptionRef& option, const YAML::Node& node, const std::string& 
     if (!parse_number(text, value)) fail(wanted(option));
     if (value < std::numeric_limits<int>::min() || value > std::numeric_limits<int>::max() ||
         !option.range.contains(static_cast<double>(value)))
-      fail("must be in " + range_text(option.range) + (option.unit.empty() ? "" : " " + option.unit));
+      fail(requirement_text(option));
     **integer = static_cast<int>(value);
   } else if (const auto* real = std::get_if<double*>(&option.pointer)) {
     **real = number(node);
@@ -236,7 +235,7 @@ void parse_yaml_options(const OptionList& options, const std::string& text, cons
                 "is no YAML: " + exception.msg);
   }
   if (root.IsNull()) return;
-  if (!root.IsMap()) throw Error(ErrorKind::option, name, "must hold keys and values", shown(root));
+  if (!root.IsMap()) throw Error(ErrorKind::option, name, "must hold keys and values, key: value");
   std::set<std::string> seen;
   read_map(options, root, "", name, seen);
 }

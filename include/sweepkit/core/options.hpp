@@ -239,6 +239,16 @@ inline std::string range_text(const Range& range) {
   return text.append(", ").append(number_text(range.max)).append("]");
 }
 
+/// What a number of the option must be: "must be in [1, 20] px", "must be at least 0".
+inline std::string requirement_text(const OptionRef& option) {
+  if (!option.range.bounded()) return "must be a finite number";
+  const std::string allowed = range_text(option.range);
+  std::string text = allowed.front() == '[' ? "must be in " : "must be ";
+  text += allowed;
+  if (!option.unit.empty()) text.append(" ").append(option.unit);
+  return text;
+}
+
 /// Throws an option error unless each number of the option is finite and in its range and an enum is one of
 /// its choices. `place` stands before the path in the message (a file and line); may be empty.
 inline void check_option(const OptionRef& option, const std::string& place = {}) {
@@ -247,9 +257,7 @@ inline void check_option(const OptionRef& option, const std::string& place = {})
     if (!std::isfinite(value))
       throw Error(ErrorKind::option, at, "must be a finite number", number_text(value));
     if (!option.range.contains(value))
-      throw Error(ErrorKind::option, at,
-                  "must be in " + range_text(option.range) + (option.unit.empty() ? "" : " " + option.unit),
-                  number_text(value));
+      throw Error(ErrorKind::option, at, requirement_text(option), number_text(value));
   };
   std::visit(
       [&](const auto& p) {
