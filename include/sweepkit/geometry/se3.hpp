@@ -29,7 +29,8 @@ class SE3 {
   Tangent log() const {
     const Vec3<S> phi = R_.log();
     Tangent xi;
-    xi << SO3<S>::left_jacobian_inverse(phi) * t_, phi;
+    xi.template head<3>() = SO3<S>::left_jacobian_inverse(phi) * t_;
+    xi.template tail<3>() = phi;
     return xi;
   }
 

@@ -54,8 +54,10 @@ class Sim3 {
     const S det = d * d + theta2 * c.b * c.b;
     const Vec3<S> W_t = SO3<S>::hat(phi) * t_;
     Tangent xi;
-    xi << t_ / c.a - (c.b / det) * W_t + ((c.b * c.b - c.c * d) / (c.a * det)) * (SO3<S>::hat(phi) * W_t),
-        phi, sigma;
+    xi.template head<3>() =
+        t_ / c.a - (c.b / det) * W_t + ((c.b * c.b - c.c * d) / (c.a * det)) * (SO3<S>::hat(phi) * W_t);
+    xi.template segment<3>(3) = phi;
+    xi[6] = sigma;
     return xi;
   }
 
