@@ -30,31 +30,6 @@ Mat6<double> differences(const Function& function) {
 
 }  // namespace
 
-TEST_CASE("the inverse left Jacobian of SE(3) is the derivative of the logarithm", "[solve]") {
-  Random random(1);
-  for (const double size : {0.0, 1e-4, 0.01, 0.03, 0.04, 0.5, 1.2})
-    for (int k = 0; k < 20; ++k) {
-      const Vec6<double> xi = draw(random, 2.0, size);
-      const SE3d T = SE3d::exp(xi);
-      const Vec6<double> at = T.log();
-      const Mat6<double> expected =
-          differences([&](const Vec6<double>& d) { return Vec6<double>((SE3d::exp(d) * T).log()); });
-      REQUIRE((motion_left_jacobian_inverse(at) - expected).cwiseAbs().maxCoeff() < 1e-8 * (1.0 + at.norm()));
-    }
-}
-
-TEST_CASE("the inverse left Jacobian is continuous where the series ends", "[solve]") {
-  Random random(2);
-  for (int k = 0; k < 50; ++k) {
-    Vec6<double> xi = draw(random, 1.0, 1.0);
-    xi.tail<3>() *= std::sqrt(1e-3) / xi.tail<3>().norm();
-    Vec6<double> below = xi, above = xi;
-    below.tail<3>() *= 1.0 - 1e-9;
-    above.tail<3>() *= 1.0 + 1e-9;
-    REQUIRE((motion_left_jacobian_inverse(below) - motion_left_jacobian_inverse(above)).norm() < 1e-8);
-  }
-}
-
 TEST_CASE("errors of poses and of motions are zero at the truth and have exact Jacobians", "[solve]") {
   Random random(3);
   for (int k = 0; k < 50; ++k) {
