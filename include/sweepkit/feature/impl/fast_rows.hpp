@@ -48,17 +48,21 @@ using FastLanes = std::array<std::uint8_t, kFastBlock>;
 constexpr std::uint8_t smaller(std::uint8_t a, std::uint8_t b) { return a < b ? a : b; }
 constexpr std::uint8_t larger(std::uint8_t a, std::uint8_t b) { return a > b ? a : b; }
 
-/// Largest minimum of nine neighbours in a row, for a block of circles.
-inline void best_arc_portable(const std::array<FastLanes, 16>& d, FastLanes& best) {
+/// Of all arcs of nine neighbours the one whose worst value, by `worse`, is best, by `better`; for a block.
+template <class Worse, class Better>
+inline void best_arc_portable(const std::array<FastLanes, 16>& p, Worse worse, Better better,
+                              FastLanes& best) {
   std::array<FastLanes, 8> two, four;
   for (int i = 0; i < 8; ++i)
-    for (int k = 0; k < kFastBlock; ++k) two[i][k] = smaller(d[2 * i + 1][k], d[(2 * i + 2) & 15][k]);
+    for (int k = 0; k < kFastBlock; ++k) two[i][k] = worse(p[2 * i + 1][k], p[(2 * i + 2) & 15][k]);
   for (int i = 0; i < 8; ++i)
-    for (int k = 0; k < kFastBlock; ++k) four[i][k] = smaller(two[i][k], two[(i + 1) & 7][k]);
+    for (int k = 0; k < kFastBlock; ++k) four[i][k] = worse(two[i][k], two[(i + 1) & 7][k]);
   for (int i = 0; i < 8; ++i)
-    for (int k = 0; k < kFastBlock; ++k)
-      best[k] = larger(best[k], smaller(smaller(four[i][k], four[(i + 2) & 7][k]),
-                                        larger(d[2 * i][k], d[(2 * i + 9) & 15][k])));
+    for (int k = 0; k < kFastBlock; ++k) {
+      const std::uint8_t arc =
+          worse(worse(four[i][k], four[(i + 2) & 7][k]), better(p[2 * i][k], p[(2 * i + 9) & 15][k]));
+      best[k] = i == 0 ? arc : better(best[k], arc);
+    }
 }
 
 /// The block's scores where they exceed the threshold, else 0.
@@ -70,29 +74,32 @@ inline void fast_score_block_portable(const std::uint8_t* p, const CircleOffsets
     high[k] = static_cast<std::uint8_t>(smaller(p[k], headroom) + t);
     low[k] = static_cast<std::uint8_t>(larger(p[k], t) - t);
   }
-  // Differences beyond the threshold, each sign by itself; zero where within it.
-  std::array<FastLanes, 16> brighter, darker;
-  const auto compare = [&](int i) {
-    const std::uint8_t* q = p + circle[i];
-    for (int k = 0; k < kFastBlock; ++k) {
-      brighter[i][k] = static_cast<std::uint8_t>(larger(q[k], high[k]) - high[k]);
-      darker[i][k] = static_cast<std::uint8_t>(low[k] - smaller(q[k], low[k]));
-    }
-  };
+  std::array<FastLanes, 16> around;
+  const auto load = [&](int i) { std::copy_n(p + circle[i], kFastBlock, around[i].begin()); };
   // Nine neighbours in a row hold one of each pair of opposite ones.
-  for (const int i : {0, 4, 8, 12}) compare(i);
+  for (const int i : {0, 4, 8, 12}) load(i);
   std::uint8_t any = 0;
-  for (int k = 0; k < kFastBlock; ++k)
-    any |= smaller(larger(brighter[0][k], brighter[8][k]), larger(brighter[4][k], brighter[12][k])) |
-           smaller(larger(darker[0][k], darker[8][k]), larger(darker[4][k], darker[12][k]));
-  FastLanes best{};
-  if (any != 0) {
-    for (const int i : {1, 2, 3, 5, 6, 7, 9, 10, 11, 13, 14, 15}) compare(i);
-    best_arc_portable(brighter, best);
-    best_arc_portable(darker, best);
+  for (int k = 0; k < kFastBlock; ++k) {
+    const std::uint8_t bright =
+        smaller(larger(around[0][k], around[8][k]), larger(around[4][k], around[12][k]));
+    const std::uint8_t dark =
+        larger(smaller(around[0][k], around[8][k]), smaller(around[4][k], around[12][k]));
+    any |= static_cast<std::uint8_t>((larger(bright, high[k]) - high[k]) | (low[k] - smaller(dark, low[k])));
   }
-  for (int k = 0; k < kFastBlock; ++k)
-    scores[k] = best[k] == 0 ? std::uint8_t{0} : static_cast<std::uint8_t>(best[k] + t);
+  if (any == 0) {
+    std::fill_n(scores, kFastBlock, std::uint8_t{0});
+    return;
+  }
+  for (const int i : {1, 2, 3, 5, 6, 7, 9, 10, 11, 13, 14, 15}) load(i);
+  FastLanes bright, dark;
+  best_arc_portable(around, smaller, larger, bright);
+  best_arc_portable(around, larger, smaller, dark);
+  for (int k = 0; k < kFastBlock; ++k) {
+    // How far beyond the threshold; one of the two is zero.
+    const auto beyond = static_cast<std::uint8_t>((larger(bright[k], high[k]) - high[k]) |
+                                                  (low[k] - smaller(dark[k], low[k])));
+    scores[k] = beyond == 0 ? std::uint8_t{0} : static_cast<std::uint8_t>(beyond + t);
+  }
 }
 
 /// scores[x] = the score of row[x] where it exceeds the threshold, else 0.
@@ -133,59 +140,58 @@ inline int local_maxima_portable(const std::uint8_t* scores, std::ptrdiff_t stri
 
 #ifdef SWEEPKIT_HAVE_AVX2
 
-/// Largest minimum of nine neighbours in a row, for 32 circles.
-SWEEPKIT_TARGET_AVX2 inline __m256i best_arc(const __m256i (&d)[16]) {
-  __m256i two[8], four[8];
-#pragma GCC unroll 8
-  for (int i = 0; i < 8; ++i) two[i] = _mm256_min_epu8(d[2 * i + 1], d[(2 * i + 2) & 15]);
-#pragma GCC unroll 8
-  for (int i = 0; i < 8; ++i) four[i] = _mm256_min_epu8(two[i], two[(i + 1) & 7]);
-  __m256i best = _mm256_setzero_si256();
-#pragma GCC unroll 8
-  for (int i = 0; i < 8; ++i) {
-    const __m256i eight = _mm256_min_epu8(four[i], four[(i + 2) & 7]);
-    best = _mm256_max_epu8(best, _mm256_min_epu8(eight, _mm256_max_epu8(d[2 * i], d[(2 * i + 9) & 15])));
-  }
-  return best;
-}
-
 SWEEPKIT_TARGET_AVX2 inline void fast_score_row_avx2(const std::uint8_t* row, std::ptrdiff_t stride,
                                                      int count, int threshold, std::uint8_t* scores) {
+  if (count < 32) return fast_score_row_portable(row, stride, count, threshold, scores);
   const CircleOffsets circle = circle_offsets(stride);
   const __m256i zero = _mm256_setzero_si256();
   const __m256i t = _mm256_set1_epi8(static_cast<char>(threshold));
-  if (count < 32) return fast_score_row_portable(row, stride, count, threshold, scores);
   for (int block = 0; block < count; block += 32) {
     const int x = std::min(block, count - 32);  // the last block may overlap the one before
     const std::uint8_t* p = row + x;
     const __m256i centre = load_32(p);
-    // Differences beyond the threshold, each sign by itself: zero where within it.
     const __m256i high = _mm256_adds_epu8(centre, t), low = _mm256_subs_epu8(centre, t);
-    __m256i brighter[16], darker[16];
-    __m256i any_brighter, any_darker;
-    const auto pair = [&](int i) SWEEPKIT_TARGET_AVX2 {
-      const __m256i a = load_32(p + circle[i]), b = load_32(p + circle[i + 8]);
-      brighter[i] = _mm256_subs_epu8(a, high);
-      brighter[i + 8] = _mm256_subs_epu8(b, high);
-      darker[i] = _mm256_subs_epu8(low, a);
-      darker[i + 8] = _mm256_subs_epu8(low, b);
-    };
-    pair(0);
-    pair(4);
-    any_brighter = _mm256_min_epu8(_mm256_max_epu8(brighter[0], brighter[8]),
-                                   _mm256_max_epu8(brighter[4], brighter[12]));
-    any_darker =
-        _mm256_min_epu8(_mm256_max_epu8(darker[0], darker[8]), _mm256_max_epu8(darker[4], darker[12]));
-    __m256i any = _mm256_or_si256(any_brighter, any_darker);
+    __m256i around[16];
+    for (const int i : {0, 4, 8, 12}) around[i] = load_32(p + circle[i]);
+    const __m256i bright_pairs =
+        _mm256_min_epu8(_mm256_max_epu8(around[0], around[8]), _mm256_max_epu8(around[4], around[12]));
+    const __m256i dark_pairs =
+        _mm256_max_epu8(_mm256_min_epu8(around[0], around[8]), _mm256_min_epu8(around[4], around[12]));
+    const __m256i any =
+        _mm256_or_si256(_mm256_subs_epu8(bright_pairs, high), _mm256_subs_epu8(low, dark_pairs));
     if (_mm256_testz_si256(any, any)) {
       store_32(scores + x, zero);
       continue;
     }
-    for (int i : {1, 2, 3, 5, 6, 7}) pair(i);
-    const __m256i best = _mm256_max_epu8(best_arc(brighter), best_arc(darker));
-    // Back to differences from the centre, where there is a corner at all.
-    const __m256i none = _mm256_cmpeq_epi8(best, zero);
-    store_32(scores + x, _mm256_andnot_si256(none, _mm256_add_epi8(best, t)));
+    for (const int i : {1, 2, 3, 5, 6, 7, 9, 10, 11, 13, 14, 15}) around[i] = load_32(p + circle[i]);
+    // The brightest arc by its darkest pixel, and the darkest by its brightest. The arcs that begin at an
+    // even pixel and at the one after share eight pixels.
+    __m256i two[8], four[8];
+    __m256i bright = zero, dark = _mm256_set1_epi8(-1);
+#pragma GCC unroll 8
+    for (int i = 0; i < 8; ++i) two[i] = _mm256_min_epu8(around[2 * i + 1], around[(2 * i + 2) & 15]);
+#pragma GCC unroll 8
+    for (int i = 0; i < 8; ++i) four[i] = _mm256_min_epu8(two[i], two[(i + 1) & 7]);
+#pragma GCC unroll 8
+    for (int i = 0; i < 8; ++i) {
+      const __m256i arc = _mm256_min_epu8(_mm256_min_epu8(four[i], four[(i + 2) & 7]),
+                                          _mm256_max_epu8(around[2 * i], around[(2 * i + 9) & 15]));
+      bright = _mm256_max_epu8(bright, arc);
+    }
+#pragma GCC unroll 8
+    for (int i = 0; i < 8; ++i) two[i] = _mm256_max_epu8(around[2 * i + 1], around[(2 * i + 2) & 15]);
+#pragma GCC unroll 8
+    for (int i = 0; i < 8; ++i) four[i] = _mm256_max_epu8(two[i], two[(i + 1) & 7]);
+#pragma GCC unroll 8
+    for (int i = 0; i < 8; ++i) {
+      const __m256i arc = _mm256_max_epu8(_mm256_max_epu8(four[i], four[(i + 2) & 7]),
+                                          _mm256_min_epu8(around[2 * i], around[(2 * i + 9) & 15]));
+      dark = _mm256_min_epu8(dark, arc);
+    }
+    // How far beyond the threshold; one of the two is zero.
+    const __m256i beyond = _mm256_or_si256(_mm256_subs_epu8(bright, high), _mm256_subs_epu8(low, dark));
+    const __m256i none = _mm256_cmpeq_epi8(beyond, zero);
+    store_32(scores + x, _mm256_andnot_si256(none, _mm256_add_epi8(beyond, t)));
   }
 }
 
