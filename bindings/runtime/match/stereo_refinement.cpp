@@ -15,11 +15,12 @@ namespace sweepkit {
 namespace {
 
 constexpr int kMaxRadius = 7;
-constexpr int kColumns = 16;  // of the patch: -8 .. 7
-constexpr int kReach = 3;     // whole pixels searched to each side
-constexpr int kStripLeft = kColumns / 2 + kReach + 1;
-constexpr int kStripColumns = 24;  // -12 .. 11
 constexpr int kMaxRows = 2 * kMaxRadius + 1;
+// The patch has columns -4 .. 3 of a strip with columns -8 .. 7: room to move by -3 .. 2 whole columns and a
+// fraction of one.
+constexpr int kPatch = 4;
+constexpr int kStripColumns = 16;
+constexpr int kReach = 3;
 
 /// Where a grid of samples lies in an image: column i and row j at origin + i * step_u + j * step_v.
 struct Lattice {
@@ -31,79 +32,67 @@ struct Strip {
   alignas(32) float value[kMaxRows][kStripColumns];
 };
 
-/// Reads columns -12 .. 11 and rows -radius .. radius; false if one lies outside the image.
-SWEEPKIT_ALWAYS_INLINE bool sample(GrayView image, const Lattice& lattice, int radius, Strip& strip) {
-  constexpr int kLast = kStripColumns - kStripLeft - 1;
+/// Reads columns -8 .. 7 and rows -radius .. radius; false if one lies outside the image.
+template <class Sampler>
+SWEEPKIT_ALWAYS_INLINE bool read_strip(const GrayView& image, const Lattice& lattice, int radius,
+                                       Strip& strip) {
+  constexpr int kFirst = -kStripColumns / 2, kLast = kStripColumns / 2 - 1;
   if (lattice.aligned) {
     const int x = static_cast<int>(lattice.origin.x()), y = static_cast<int>(lattice.origin.y());
-    if (x < kStripLeft || x + kLast >= image.width || y < radius || y + radius >= image.height) return false;
+    if (x + kFirst < 0 || x + kLast >= image.width || y < radius || y + radius >= image.height) return false;
     for (int j = -radius; j <= radius; ++j)
-      widen<kStripColumns>(image.row(y + j) + x - kStripLeft, strip.value[j + radius]);
+      widen<kStripColumns>(image.row(y + j) + x + kFirst, strip.value[j + radius]);
     return true;
   }
-  for (const int i : {-kStripLeft, kLast})
+  for (const int i : {kFirst, kLast})
     for (const int j : {-radius, radius}) {
       const float x = lattice.origin.x() + i * lattice.step_u.x() + j * lattice.step_v.x();
       const float y = lattice.origin.y() + i * lattice.step_u.y() + j * lattice.step_v.y();
       if (!(x >= 1 && y >= 1 && x < image.width - 2 && y < image.height - 2)) return false;
     }
   for (int j = -radius; j <= radius; ++j)
-    bilinear<kStripColumns>(image,
-                            lattice.origin.x() + j * lattice.step_v.x() - kStripLeft * lattice.step_u.x(),
-                            lattice.origin.y() + j * lattice.step_v.y() - kStripLeft * lattice.step_u.y(),
-                            lattice.step_u.x(), lattice.step_u.y(), strip.value[j + radius]);
+    Sampler::bilinear(image, lattice.origin.x() + j * lattice.step_v.x() + kFirst * lattice.step_u.x(),
+                      lattice.origin.y() + j * lattice.step_v.y() + kFirst * lattice.step_u.y(),
+                      lattice.step_u.x(), lattice.step_u.y(), strip.value[j + radius]);
   return true;
 }
 
-/// The left patch made ready: weights times zero-mean values and times the gradient's part that neither gain
-/// nor offset can explain.
+/// The left patch made ready: zero-mean values, and the gradient's part that neither gain nor offset can
+/// explain.
 struct Template {
-  Lanes weight[kColumns / 8];  // the same for all rows
-  Lanes value[kMaxRows][kColumns / 8];
-  Lanes gradient[kMaxRows][kColumns / 8];
-  float weights, variance, gradient_energy;
+  Lanes value[kMaxRows], gradient[kMaxRows];
+  float count, variance, gradient_energy;
 };
 
-SWEEPKIT_ALWAYS_INLINE void prepare(const Strip& left, int radius, Template& t) {
-  const int rows = 2 * radius + 1;
-  for (int c = 0; c < kColumns; ++c)
-    t.weight[c / 8][c % 8] = std::abs(c - kColumns / 2) <= radius ? 1.0f : 0.0f;
-  t.weights = static_cast<float>(rows * rows);
-
+SWEEPKIT_ALWAYS_INLINE void prepare(const Strip& left, int rows, Template& t) {
+  t.count = static_cast<float>(8 * rows);
   Lanes sum = {}, gradient_sum = {};
-  for (int j = 0; j < rows; ++j)
-    for (int b = 0; b < kColumns / 8; ++b) {
-      const float* p = left.value[j] + kStripLeft - kColumns / 2 + 8 * b;
-      Lanes m2, m1, v, p1, p2;
-      load(p - 2, m2);
-      load(p - 1, m1);
-      load(p, v);
-      load(p + 1, p1);
-      load(p + 2, p2);
-      const Lanes g = (p1 - m1) * (8.0f / 12) - (p2 - m2) * (1.0f / 12);
-      t.value[j][b] = v;
-      t.gradient[j][b] = g;
-      sum += t.weight[b] * v;
-      gradient_sum += t.weight[b] * g;
-    }
-  const float mean = add_lanes(sum) / t.weights, gradient_mean = add_lanes(gradient_sum) / t.weights;
+  for (int j = 0; j < rows; ++j) {
+    const float* p = left.value[j] + kPatch;
+    Lanes m2, m1, p1, p2;
+    load(p - 2, m2);
+    load(p - 1, m1);
+    load(p, t.value[j]);
+    load(p + 1, p1);
+    load(p + 2, p2);
+    t.gradient[j] = (p1 - m1) * (8.0f / 12) - (p2 - m2) * (1.0f / 12);
+    sum += t.value[j];
+    gradient_sum += t.gradient[j];
+  }
+  const float mean = add_lanes(sum) / t.count, gradient_mean = add_lanes(gradient_sum) / t.count;
   Lanes vv = {}, vg = {};
-  for (int j = 0; j < rows; ++j)
-    for (int b = 0; b < kColumns / 8; ++b) {
-      const Lanes v = t.value[j][b] - mean;
-      t.value[j][b] = t.weight[b] * v;
-      vv += t.value[j][b] * v;
-      vg += t.value[j][b] * t.gradient[j][b];
-    }
+  for (int j = 0; j < rows; ++j) {
+    t.value[j] -= mean;
+    vv += t.value[j] * t.value[j];
+    vg += t.value[j] * t.gradient[j];
+  }
   t.variance = add_lanes(vv);
   const float slope = t.variance > 0 ? add_lanes(vg) / t.variance : 0.0f;
   Lanes gg = {};
-  for (int j = 0; j < rows; ++j)
-    for (int b = 0; b < kColumns / 8; ++b) {
-      const Lanes g = t.weight[b] * (t.gradient[j][b] - gradient_mean) - slope * t.value[j][b];
-      t.gradient[j][b] = g;
-      gg += g * g;
-    }
+  for (int j = 0; j < rows; ++j) {
+    t.gradient[j] = t.gradient[j] - gradient_mean - slope * t.value[j];
+    gg += t.gradient[j] * t.gradient[j];
+  }
   t.gradient_energy = add_lanes(gg);
 }
 
@@ -111,49 +100,45 @@ SWEEPKIT_ALWAYS_INLINE void prepare(const Strip& left, int radius, Template& t) 
 struct Sums {
   float value_right;     // template times right
   float gradient_right;  // gradient times right
-  float right, right2;   // weight times right and its square
+  float right, right2;   // right and its square
 
-  float covariance_free(float weights) const { return right2 - right * right / weights; }
+  float variance(float count) const { return right2 - right * right / count; }
 };
 
 /// Right patch moved by a whole number of columns and a fraction of one.
-SWEEPKIT_ALWAYS_INLINE Sums compare(const Template& t, const Strip& right, int radius, int whole,
+SWEEPKIT_ALWAYS_INLINE Sums compare(const Template& t, const Strip& right, int rows, int whole,
                                     float fraction) {
   const float f = fraction;
   // Lagrange's cubic through columns -1, 0, 1, 2.
   const float w0 = -f * (f - 1) * (f - 2) * (1.0f / 6), w1 = (f + 1) * (f - 1) * (f - 2) * 0.5f,
               w2 = -(f + 1) * f * (f - 2) * 0.5f, w3 = (f + 1) * f * (f - 1) * (1.0f / 6);
   Lanes value_right = {}, gradient_right = {}, sum = {}, sum2 = {};
-  for (int j = 0; j < 2 * radius + 1; ++j)
-    for (int b = 0; b < kColumns / 8; ++b) {
-      const float* p = right.value[j] + kStripLeft - kColumns / 2 + 8 * b + whole;
-      Lanes a, r, c, d;
-      load(p - 1, a);
-      load(p, r);
-      load(p + 1, c);
-      load(p + 2, d);
-      r = a * w0 + r * w1 + c * w2 + d * w3;
-      value_right += t.value[j][b] * r;
-      gradient_right += t.gradient[j][b] * r;
-      const Lanes weighted = t.weight[b] * r;
-      sum += weighted;
-      sum2 += weighted * r;
-    }
+  for (int j = 0; j < rows; ++j) {
+    const float* p = right.value[j] + kPatch + whole;
+    Lanes a, r, c, d;
+    load(p - 1, a);
+    load(p, r);
+    load(p + 1, c);
+    load(p + 2, d);
+    r = a * w0 + r * w1 + c * w2 + d * w3;
+    value_right += t.value[j] * r;
+    gradient_right += t.gradient[j] * r;
+    sum += r;
+    sum2 += r * r;
+  }
   return {add_lanes(value_right), add_lanes(gradient_right), add_lanes(sum), add_lanes(sum2)};
 }
 
 /// The same at a whole number of columns, for the correlation alone.
-SWEEPKIT_ALWAYS_INLINE Sums compare_whole(const Template& t, const Strip& right, int radius, int whole) {
+SWEEPKIT_ALWAYS_INLINE Sums compare_whole(const Template& t, const Strip& right, int rows, int whole) {
   Lanes value_right = {}, sum = {}, sum2 = {};
-  for (int j = 0; j < 2 * radius + 1; ++j)
-    for (int b = 0; b < kColumns / 8; ++b) {
-      Lanes r;
-      load(right.value[j] + kStripLeft - kColumns / 2 + 8 * b + whole, r);
-      value_right += t.value[j][b] * r;
-      const Lanes weighted = t.weight[b] * r;
-      sum += weighted;
-      sum2 += weighted * r;
-    }
+  for (int j = 0; j < rows; ++j) {
+    Lanes r;
+    load(right.value[j] + kPatch + whole, r);
+    value_right += t.value[j] * r;
+    sum += r;
+    sum2 += r * r;
+  }
   return {add_lanes(value_right), 0, add_lanes(sum), add_lanes(sum2)};
 }
 
@@ -163,18 +148,18 @@ struct Shift {
   float correlation;  // of the patches there
 };
 
-/// Finds the shift; nullopt without texture or when it runs off the strip.
-SWEEPKIT_ALWAYS_INLINE bool find_shift(const Strip& left, const Strip& right, int radius, int reach,
+/// Finds the shift; false without texture or when it runs off the strip.
+SWEEPKIT_ALWAYS_INLINE bool find_shift(const Strip& left, const Strip& right, int rows, int reach,
                                        int iterations, float noise, Shift& shift) {
   Template t;
-  prepare(left, radius, t);
+  prepare(left, rows, t);
   if (!(t.variance > 0) || !(t.gradient_energy > 0)) return false;
   int start = 0;
   if (reach > 0) {
     float best = -2;
-    for (int s = -reach; s <= reach; ++s) {
-      const Sums sums = compare_whole(t, right, radius, s);
-      const float variance = sums.covariance_free(t.weights);
+    for (int s = -reach; s <= std::min(reach, kReach - 1); ++s) {
+      const Sums sums = compare_whole(t, right, rows, s);
+      const float variance = sums.variance(t.count);
       const float correlation = variance > 0 ? sums.value_right / std::sqrt(variance) : -2.0f;
       if (correlation > best) {
         best = correlation;
@@ -186,20 +171,20 @@ SWEEPKIT_ALWAYS_INLINE bool find_shift(const Strip& left, const Strip& right, in
   float gain = 1;
   for (int k = 0; k < iterations; ++k) {
     const float whole = std::floor(x);
-    const Sums sums = compare(t, right, radius, static_cast<int>(whole), x - whole);
+    const Sums sums = compare(t, right, rows, static_cast<int>(whole), x - whole);
     gain = sums.value_right / t.variance;
     if (!(gain > 0.1f)) return false;
     const float step = std::clamp(-sums.gradient_right / (gain * t.gradient_energy), -0.75f, 0.75f);
     x += step;
-    if (!(std::abs(x) <= kReach)) return false;
+    if (!(x >= -kReach && x < kReach)) return false;
     if (std::abs(step) < 0.005f) break;
   }
   const float whole = std::floor(x);
-  const Sums sums = compare(t, right, radius, static_cast<int>(whole), x - whole);
-  const float variance = sums.covariance_free(t.weights);
+  const Sums sums = compare(t, right, rows, static_cast<int>(whole), x - whole);
+  const float variance = sums.variance(t.count);
   gain = sums.value_right / t.variance;
   if (!(variance > 0) || !(gain > 0.1f)) return false;
-  const float residual = std::max(variance - gain * sums.value_right, 0.0f) / (t.weights - 3);
+  const float residual = std::max(variance - gain * sums.value_right, 0.0f) / (t.count - 3);
   shift.columns = x;
   shift.correlation = sums.value_right / std::sqrt(variance * t.variance);
   shift.sigma = std::sqrt((residual + noise * noise) / t.gradient_energy) / gain;
@@ -219,14 +204,16 @@ struct Result {
 };
 
 /// Refines on one level from a disparity; false if that fails.
+template <class Sampler>
 SWEEPKIT_ALWAYS_INLINE bool refine_on_level(const Pair& pair, const ImagePyramid& left_pyramid,
                                             const ImagePyramid& right_pyramid, int level, float disparity,
                                             int reach, const PatchRefinement::Options& options,
                                             Result& result) {
   const GrayView left = left_pyramid.level(level), right = right_pyramid.level(level);
   const Vec2<float> scale(left_pyramid.scale_x(level), left_pyramid.scale_y(level));
-  // The left patch sits on the nearest pixel of the level; what is measured is the disparity there.
-  Lattice at_left{.origin = {std::round(left_pyramid.to_level_x(level, pair.left_pixel.x())),
+  // The left patch sits on whole pixels of the level, its middle (column -0.5) as near to the key point as
+  // can be; what is measured is the disparity there.
+  Lattice at_left{.origin = {std::round(left_pyramid.to_level_x(level, pair.left_pixel.x()) + 0.5f),
                              std::round(left_pyramid.to_level_y(level, pair.left_pixel.y()))},
                   .step_u = {1, 0},
                   .step_v = {0, 1},
@@ -260,11 +247,11 @@ SWEEPKIT_ALWAYS_INLINE bool refine_on_level(const Pair& pair, const ImagePyramid
   if (pair.aligned) at_right.origin = {column, std::round(at_right.origin.y())};
 
   Strip left_strip, right_strip;
-  if (!sample(left, at_left, options.radius, left_strip) ||
-      !sample(right, at_right, options.radius, right_strip))
+  if (!read_strip<Sampler>(left, at_left, options.radius, left_strip) ||
+      !read_strip<Sampler>(right, at_right, options.radius, right_strip))
     return false;
   Shift shift;
-  if (!find_shift(left_strip, right_strip, options.radius, reach, options.iterations,
+  if (!find_shift(left_strip, right_strip, 2 * options.radius + 1, reach, options.iterations,
                   static_cast<float>(options.image_noise), shift))
     return false;
   result.disparity = disparity - (offset + shift.columns) * scale.x();
@@ -273,6 +260,7 @@ SWEEPKIT_ALWAYS_INLINE bool refine_on_level(const Pair& pair, const ImagePyramid
   return true;
 }
 
+template <class Sampler>
 SWEEPKIT_ALWAYS_INLINE void refine_all(const StereoRig& rig, const PatchRefinement::Options& options,
                                        const Features<256>& left, const ImagePyramid& left_pyramid,
                                        const Features<256>& right, const ImagePyramid& right_pyramid,
@@ -305,13 +293,15 @@ SWEEPKIT_ALWAYS_INLINE void refine_all(const StereoRig& rig, const PatchRefineme
     const int level = std::min(l.octave, left_pyramid.levels() - 1);
     const float scale = left_pyramid.scale_x(level);
     Result result;
-    if (!refine_on_level(pair, left_pyramid, right_pyramid, level, match.disparity, reach, options, result)) {
+    if (!refine_on_level<Sampler>(pair, left_pyramid, right_pyramid, level, match.disparity, reach, options,
+                                  result)) {
       clear_match(match);
       continue;
     }
     if (level > 0 && options.finish_on_full_image) {
       Result full;
-      if (refine_on_level(pair, left_pyramid, right_pyramid, 0, result.disparity, 1, options, full) &&
+      if (refine_on_level<Sampler>(pair, left_pyramid, right_pyramid, 0, result.disparity, 1, options,
+                                   full) &&
           full.sigma < result.sigma && full.correlation >= options.min_correlation)
         result = full;
     }
@@ -330,7 +320,7 @@ SWEEPKIT_ALWAYS_INLINE void refine_all(const StereoRig& rig, const PatchRefineme
 void refine_portable(const StereoRig& rig, const PatchRefinement::Options& options, const Features<256>& left,
                      const ImagePyramid& left_pyramid, const Features<256>& right,
                      const ImagePyramid& right_pyramid, std::span<StereoMatch> matches) {
-  refine_all(rig, options, left, left_pyramid, right, right_pyramid, matches);
+  refine_all<PortableSampler>(rig, options, left, left_pyramid, right, right_pyramid, matches);
 }
 
 #ifdef SWEEPKIT_HAVE_AVX2
@@ -338,7 +328,7 @@ SWEEPKIT_TARGET_AVX2 void refine_avx2(const StereoRig& rig, const PatchRefinemen
                                       const Features<256>& left, const ImagePyramid& left_pyramid,
                                       const Features<256>& right, const ImagePyramid& right_pyramid,
                                       std::span<StereoMatch> matches) {
-  refine_all(rig, options, left, left_pyramid, right, right_pyramid, matches);
+  refine_all<Avx2Sampler>(rig, options, left, left_pyramid, right, right_pyramid, matches);
 }
 #endif
 

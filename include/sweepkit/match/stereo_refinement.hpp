@@ -65,7 +65,8 @@ class PatchRefinement {
     template <class Visitor>
     void visit_options(Visitor& v) {
       v(enabled, "enabled", "", any_value(), "refine disparities at all");
-      v(radius, "radius", "px", range(2, 7), "half side of the patch");
+      v(radius, "radius", "px", range(2, 7),
+        "rows of the patch above and below the key point; it is 8 columns wide");
       v(iterations, "iterations", "", range(1, 30), "Gauss-Newton steps at most");
       v(max_shift, "max_shift", "px", range(0.5, 3.0),
         "pairs that move farther from where key points put them, on the level of their octave, are removed");
