@@ -338,10 +338,10 @@ std::string options_to_markdown(const OptionList& options, const std::string& ti
       if (known != options.groups.end()) text += fmt::format("\n## {}\n\n{}\n", own, known->doc);
       text += "\n| option | default | unit | values | what it is |\n| --- | --- | --- | --- | --- |\n";
     }
-    const std::string values =
-        option.choices().empty()
-            ? type_name(option) + (option.range.bounded() ? " " + range_text(option.range) : "")
-            : join(option.choices());
+    const std::string numbers = option.range.bounded()
+                                    ? fmt::format("{} {}", type_name(option), range_text(option.range))
+                                    : type_name(option);
+    const std::string values = option.choices().empty() ? numbers : join(option.choices());
     text += fmt::format("| `{}` | `{}` | {} | {} | {} |\n", option.path,
                         yaml_value(option, option.default_value), option.unit, values, option.doc);
   }

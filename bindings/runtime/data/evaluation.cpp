@@ -18,6 +18,8 @@ namespace {
 
 constexpr double kDegrees = 180.0 / std::numbers::pi;
 constexpr TimeNs kLongestGap = kNsPerSecond;
+/// What rounding may take from a sum of distances [m] or angles [deg] before it counts.
+constexpr double kRounding = 1e-9;
 
 /// Indices into truth and estimate.
 using IndexPairs = std::vector<std::pair<std::size_t, std::size_t>>;
@@ -102,7 +104,7 @@ void align(Evaluation& evaluation) {
 void relative_errors(Evaluation& evaluation) {
   const auto& pairs = evaluation.pairs;
   const EvaluationOptions& options = evaluation.options;
-  // Rounding of a stamp or of a sum must not cost a pose its partner.
+  // Stamps are rounded more coarsely than sums: a microsecond must not cost a pose its partner.
   const auto far_enough = [&](std::size_t i, std::size_t j) {
     switch (options.rpe_unit) {
       case RpeUnit::frames:
@@ -112,7 +114,7 @@ void relative_errors(Evaluation& evaluation) {
       case RpeUnit::metres:
         break;
     }
-    return pairs[j].path - pairs[i].path >= options.rpe_delta - 1e-9;
+    return pairs[j].path - pairs[i].path >= options.rpe_delta - kRounding;
   };
   std::vector<double> metres, degrees;
   for (std::size_t i = 0, j = 0; i < pairs.size(); i = options.rpe_all_pairs ? i + 1 : j) {
@@ -134,9 +136,9 @@ void relative_errors(Evaluation& evaluation) {
 void percentages(Evaluation& evaluation) {
   std::vector<double> translation, rotation;
   for (const PosePair& pair : evaluation.pairs) {
-    if (pair.path >= evaluation.options.min_path && pair.path > 0)
+    if (pair.path >= evaluation.options.min_path - kRounding && pair.path > 0)
       translation.push_back(100.0 * pair.position_error / pair.path);
-    if (pair.turned * kDegrees >= evaluation.options.min_turn && pair.turned > 0)
+    if (pair.turned * kDegrees >= evaluation.options.min_turn - kRounding && pair.turned > 0)
       rotation.push_back(100.0 * euler_norm(pair.truth.rotation().inverse() * pair.estimate.rotation()) /
                          pair.turned);
   }
