@@ -50,7 +50,7 @@ TrackResult Tracker::track(StereoFrame& frame) {
   frame.points.assign(frame.measurements.size(), PointId{});
   if (!map_) return start(frame);
 
-  const SE3d T_predicted = predict(frame.t);
+  const SE3d T_predicted = *predict(frame.t);
   collect_last_points();
   PoseResult pose = find_pose(frame, T_predicted);
   TrackResult result;
@@ -102,7 +102,8 @@ void Tracker::keep_as_last(const StereoFrame& frame) {
   lost_frames_ = 0;
 }
 
-SE3d Tracker::predict(TimeNs t) const {
+std::optional<SE3d> Tracker::predict(TimeNs t) const {
+  if (!map_) return std::nullopt;
   return SE3d::exp(velocity_ * to_seconds(t - last_.t)) * last_.T_camera_world;
 }
 

@@ -89,6 +89,14 @@ class Tracker {
   /// set.
   TrackResult track(StereoFrame& frame);
 
+  /// Where the camera is expected, moving on as between the last two frames; nothing before there is a map.
+  std::optional<SE3d> predict(TimeNs t) const;
+  /// Pose of the last frame tracked, in the map as it stands.
+  const SE3d& last_T_camera_world() const { return last_.T_camera_world; }
+  /// The keyframe that poses refer to now, and its pose; with a map only.
+  KeyframeId reference() const { return map_->newest; }
+  const SE3d& T_reference_world() const { return *map_->find(map_->newest); }
+
   /// Takes over the counts of predicted and found points since the last call.
   std::vector<PointCount> take_counts();
 
@@ -103,7 +111,6 @@ class Tracker {
   TrackResult lose(StereoFrame& frame);
   void set_reference(StereoFrame& frame) const;
   void keep_as_last(const StereoFrame& frame);
-  SE3d predict(TimeNs t) const;
   bool certain(const Measurement& m) const;
   int count_certain(const StereoFrame& frame) const;
   void collect_last_points();

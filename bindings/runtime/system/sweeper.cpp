@@ -1,0 +1,437 @@
+// SPDX-FileCopyrightText: The sweepkit authors
+// SPDX-License-Identifier: Apache-2.0
+#include "sweepkit/system/sweeper.hpp"
+
+#include <algorithm>
+#include <atomic>
+#include <condition_variable>
+#include <deque>
+#include <exception>
+#include <limits>
+#include <mutex>
+#include <string>
+#include <thread>
+#include <utility>
+
+namespace sweepkit {
+namespace {
+
+constexpr TimeNs kNever = std::numeric_limits<TimeNs>::min();
+
+RectifiedCamera rectified_camera(const StereoRig& rig) {
+  return {.focal = rig.focal(), .cx = rig.center().x(), .cy = rig.center().y(), .baseline = rig.baseline()};
+}
+
+bool fits(const SharedGray& image, const Camera& camera) {
+  return image.view.width == camera.width() && image.view.height == camera.height();
+}
+
+std::string size_of(const SharedGray& image) {
+  return std::to_string(image.view.width) + "x" + std::to_string(image.view.height);
+}
+
+}  // namespace
+
+class Sweeper::Impl {
+ public:
+  Impl(const StereoRig& rig, const SweeperOptions& options, EventSink* events)
+      : rig_(rig),
+        options_(options),
+        events_(events),
+        T_camera_body_(rig.T_body_camera().inverse()),
+        frontend_(rig, options.frontend),
+        tracker_(rectified_camera(rig), rig.bounds(), levels(), options.tracker, T_camera_body_),
+        mapper_(rectified_camera(rig), rig.bounds(), levels(), options.mapper) {
+    if (options_.realtime) {
+      tracking_thread_ = std::thread([this] { run_tracking(); });
+      mapping_thread_ = std::thread([this] { run_mapping(); });
+    }
+  }
+
+  ~Impl() {
+    {
+      const std::scoped_lock lock(queue_mutex_);
+      images_.clear();
+      candidates_.clear();
+    }
+    finish();
+  }
+
+  template <class Inertial>
+  void feed_inertial(const Inertial& sample, bool finite, const char* sensor,
+                     std::int64_t SweeperCounts::*count, TimeNs& last_t) {
+    const std::scoped_lock lock(feed_mutex_);
+    if (const char* reason = finished_            ? "finished"
+                             : !finite            ? "not finite"
+                             : sample.t <= last_t ? "time does not advance"
+                                                  : nullptr) {
+      drop(sample.t, sensor, reason);
+      return;
+    }
+    last_t = sample.t;
+    std::scoped_lock state(state_mutex_);
+    ++(counts_.*count);
+    newest_sample_ = std::max(newest_sample_, sample.t);
+  }
+
+  void feed(const ImuSample& s) {
+    feed_inertial(s, s.gyro.allFinite() && s.accel.allFinite(), "imu", &SweeperCounts::imu_samples,
+                  last_imu_);
+  }
+  void feed(const WheelSample& s) {
+    feed_inertial(s, std::isfinite(s.left) && std::isfinite(s.right), "wheels", &SweeperCounts::wheel_samples,
+                  last_wheels_);
+  }
+
+  void feed(StereoImage image) {
+    {
+      const std::scoped_lock lock(feed_mutex_);
+      if (finished_) return drop(image.t, "cameras", "finished");
+      if (image.t <= last_image_) return drop(image.t, "cameras", "time does not advance");
+      for (const Side side : {Side::left, Side::right}) {
+        const SharedGray& gray = side == Side::left ? image.left : image.right;
+        if (!gray.empty() && !fits(gray, rig_.camera(side)))
+          return drop(image.t, side == Side::left ? "cam0" : "cam1", "size " + size_of(gray));
+      }
+      if (last_image_ == kNever) tell(Event(image.t, "started").with("realtime", options_.realtime));
+      last_image_ = image.t;
+    }
+    if (!options_.realtime) return guard(image.t, "cameras", [&] { process(image); });
+    std::optional<TimeNs> dropped;
+    {
+      const std::scoped_lock lock(queue_mutex_);
+      if (images_.size() >= static_cast<std::size_t>(options_.image_queue)) {
+        dropped = images_.front().t;
+        images_.pop_front();
+      }
+      images_.push_back(std::move(image));
+    }
+    queue_changed_.notify_all();
+    if (dropped) {
+      std::int64_t total;
+      {
+        const std::scoped_lock lock(state_mutex_);
+        total = ++counts_.images_dropped;
+      }
+      tell(Event(*dropped, "overload").with("images_dropped", total));
+    }
+  }
+
+  void finish() {
+    {
+      const std::scoped_lock lock(feed_mutex_, queue_mutex_);
+      if (std::exchange(finished_, true)) return;
+    }
+    queue_changed_.notify_all();
+    if (tracking_thread_.joinable()) tracking_thread_.join();
+    {
+      const std::scoped_lock lock(queue_mutex_);
+      tracking_done_ = true;
+    }
+    queue_changed_.notify_all();
+    if (mapping_thread_.joinable()) mapping_thread_.join();
+    if (last_image_ != kNever) tell(Event(last_image_, "stopped").with("images", counts().images));
+  }
+
+  std::optional<BodyPose> pose_at(TimeNs t, Frame frame) const {
+    const std::scoped_lock lock(state_mutex_);
+    if (history_.empty() || t < history_.front().t) return std::nullopt;
+    const auto pose_of = [&](const TrackedImage& image) {
+      return frame == Frame::odom ? image.T_odom_body : image.T_map_body;
+    };
+    const auto after = std::lower_bound(history_.begin(), history_.end(), t,
+                                        [](const TrackedImage& image, TimeNs key) { return image.t < key; });
+    if (after == history_.end()) {
+      const TrackedImage& last = history_.back();
+      if (t > std::max(newest_sample_, last.t)) return std::nullopt;
+      BodyPose pose{t, pose_of(last), last.covariance, PoseBasis::guess};
+      if (history_.size() > 1) {
+        const TrackedImage& before = history_[history_.size() - 2];
+        const double share = to_seconds(t - last.t) / to_seconds(last.t - before.t);
+        // In odom, where nothing steps; the motion itself is the same in both frames.
+        const Vec6<double> twist = (before.T_odom_body.inverse() * last.T_odom_body).log();
+        pose.T_frame_body = pose.T_frame_body * SE3d::exp(share * twist);
+      }
+      return pose;
+    }
+    BodyPose pose{t, pose_of(*after), after->covariance, after->basis};
+    if (after->t == t) return pose;
+    const TrackedImage& before = *(after - 1);
+    const double share = to_seconds(t - before.t) / to_seconds(after->t - before.t);
+    pose.T_frame_body = interpolate(pose_of(before), pose_of(*after), share);
+    if (before.basis > pose.basis) pose.basis = before.basis;
+    return pose;
+  }
+
+  SE3d optimized_pose(const TrackedImage& image) const {
+    if (!image.reference.valid()) return image.T_map_body;
+    const SE3d T_camera_map = image.T_camera_reference * mapper_.map().T_camera_world(image.reference);
+    return T_camera_map.inverse() * T_camera_body_;
+  }
+
+  SweeperCounts counts() const {
+    const std::scoped_lock lock(state_mutex_);
+    return counts_;
+  }
+  std::vector<TrackedImage> images() const {
+    const std::scoped_lock lock(state_mutex_);
+    return {history_.begin(), history_.end()};
+  }
+
+  const StereoRig& rig() const { return rig_; }
+  const SweeperOptions& options() const { return options_; }
+  const StageClock& stage_clock() const { return clock_; }
+  const Map& map() const { return mapper_.map(); }
+
+ private:
+  ScaleLevels levels() const { return {options_.frontend.orb.scale_factor, options_.frontend.orb.levels}; }
+
+  void tell(const Event& event) {
+    if (events_) events_->on_event(event);
+  }
+
+  void drop(TimeNs t, const char* sensor, const std::string& reason) {
+    std::int64_t total;
+    {
+      const std::scoped_lock lock(state_mutex_);
+      total = ++counts_.samples_dropped;
+    }
+    tell(Event(t, "sample_dropped")
+             .with("sensor", sensor)
+             .with("reason", reason)
+             .with("samples_dropped", total));
+  }
+
+  // Runs a step of the frame path or of mapping; what goes wrong there costs the image, never the run.
+  template <class Step>
+  void guard(TimeNs t, const char* sensor, Step&& step) {
+    try {
+      step();
+    } catch (const std::exception& error) {
+      drop(t, sensor, error.what());
+    }
+  }
+
+  // The frame path, in the thread of the feed or of tracking.
+  void process(const StereoImage& image) {
+    take_local_map();
+    TrackedImage tracked;
+    tracked.t = image.t;
+    std::optional<KeyframeCandidate> candidate;
+    if (image.left.empty() || image.right.empty()) {
+      pass_over(image, tracked);
+    } else {
+      const auto scope = clock_.time(Stage::frame);
+      candidate = track(image, tracked);
+    }
+    record(tracked);
+    if (candidate) hand_over(std::move(*candidate));
+  }
+
+  std::optional<KeyframeCandidate> track(const StereoImage& image, TrackedImage& tracked) {
+    frame_.t = image.t;
+    {
+      const auto scope = clock_.time(Stage::extract);
+      frontend_.extract(image.left.view, image.right.view);
+    }
+    {
+      const auto scope = clock_.time(Stage::stereo);
+      frontend_.match(frame_);
+    }
+    TrackResult result;
+    {
+      const auto scope = clock_.time(Stage::track);
+      result = tracker_.track(frame_);
+    }
+    tracked.T_map_body = frame_.T_camera_world.inverse() * T_camera_body_;
+    tracked.reference = frame_.reference;
+    tracked.T_camera_reference = frame_.T_camera_reference;
+    tracked.points = result.points;
+    if (result.state == TrackingState::tracking) {
+      const Mat6<double> Ad = rig_.T_body_camera().adjoint();
+      tracked.covariance = Ad * frame_.covariance * Ad.transpose();
+      tracked.basis = PoseBasis::vision;
+    }
+    tell_state(image.t, result);
+    if (!result.wants_keyframe || !(result.starts_map || mapper_has_room())) return std::nullopt;
+    return KeyframeCandidate{frame_, tracker_.take_counts(), result.starts_map};
+  }
+
+  // One camera gave no image: the pose runs on as before.
+  void pass_over(const StereoImage& image, TrackedImage& tracked) {
+    if (const auto T_camera_world = tracker_.predict(image.t)) {
+      tracked.T_map_body = T_camera_world->inverse() * T_camera_body_;
+      tracked.reference = tracker_.reference();
+      tracked.T_camera_reference = *T_camera_world * tracker_.T_reference_world().inverse();
+    }
+    {
+      const std::scoped_lock lock(state_mutex_);
+      ++counts_.images_missing;
+    }
+    tell(Event(image.t, "image_missing").with("camera", image.left.empty() ? "cam0" : "cam1"));
+  }
+
+  void tell_state(TimeNs t, const TrackResult& result) {
+    if (result.state == TrackingState::lost && state_ == TrackingState::tracking) {
+      lost_since_ = t;
+      tell(Event(t, "lost"));
+    } else if (result.state == TrackingState::tracking && state_ == TrackingState::lost) {
+      tell(Event(t, "recovered")
+               .with("seconds", to_seconds(t - lost_since_))
+               .with("points", result.points)
+               .with("restarted", restarted_));
+      restarted_ = false;
+    }
+    if (result.state == TrackingState::tracking && state_ == TrackingState::starting)
+      tell(Event(t, "map_created").with("map", 0));
+    restarted_ |= result.state == TrackingState::lost && result.starts_map;
+    state_ = result.state;
+    const std::scoped_lock lock(state_mutex_);
+    counts_.images_lost += result.state == TrackingState::lost;
+  }
+
+  void record(TrackedImage& tracked) {
+    tracked.T_odom_body = T_odom_map_ * tracked.T_map_body;
+    const std::scoped_lock lock(state_mutex_);
+    history_.push_back(tracked);
+    newest_sample_ = std::max(newest_sample_, tracked.t);
+    ++counts_.images;
+  }
+
+  bool mapper_has_room() {
+    if (!options_.realtime) return true;
+    const std::scoped_lock lock(queue_mutex_);
+    return candidates_.size() < static_cast<std::size_t>(options_.keyframe_queue);
+  }
+
+  void hand_over(KeyframeCandidate&& candidate) {
+    {
+      const std::scoped_lock lock(state_mutex_);
+      ++counts_.keyframes_made;
+    }
+    if (!options_.realtime) {
+      map_keyframe(std::move(candidate));
+      return;
+    }
+    {
+      const std::scoped_lock lock(queue_mutex_);
+      candidates_.push_back(std::move(candidate));
+    }
+    hurry_ = true;
+    queue_changed_.notify_all();
+  }
+
+  void map_keyframe(KeyframeCandidate&& candidate) {
+    const auto scope = clock_.time(Stage::local_ba);
+    auto local_map = mapper_.process(std::move(candidate), &hurry_);
+    const std::scoped_lock lock(queue_mutex_);
+    new_local_map_ = std::move(local_map);
+  }
+
+  void take_local_map() {
+    std::shared_ptr<const LocalMap> map;
+    {
+      const std::scoped_lock lock(queue_mutex_);
+      map = std::exchange(new_local_map_, nullptr);
+    }
+    if (!map) return;
+    const SE3d T_map_body_before = tracker_.last_T_camera_world().inverse() * T_camera_body_;
+    tracker_.set_local_map(map);
+    const SE3d T_map_body_after = tracker_.last_T_camera_world().inverse() * T_camera_body_;
+    // The map was corrected under the robot: odom stays, and the correction goes between the two frames.
+    T_odom_map_ = T_odom_map_ * T_map_body_before * T_map_body_after.inverse();
+    const std::scoped_lock lock(state_mutex_);
+    const auto it = std::lower_bound(history_.begin(), history_.end(), map->newest_t,
+                                     [](const TrackedImage& image, TimeNs key) { return image.t < key; });
+    if (it != history_.end() && it->t == map->newest_t) {
+      it->reference = map->newest;
+      it->T_camera_reference = SE3d();
+    }
+  }
+
+  void run_tracking() {
+    for (;;) {
+      StereoImage image;
+      {
+        std::unique_lock lock(queue_mutex_);
+        queue_changed_.wait(lock, [this] { return finished_ || !images_.empty(); });
+        if (images_.empty()) return;
+        image = std::move(images_.front());
+        images_.pop_front();
+      }
+      guard(image.t, "cameras", [&] { process(image); });
+    }
+  }
+
+  void run_mapping() {
+    for (;;) {
+      KeyframeCandidate candidate;
+      {
+        std::unique_lock lock(queue_mutex_);
+        queue_changed_.wait(lock, [this] { return tracking_done_ || !candidates_.empty(); });
+        if (candidates_.empty()) return;
+        candidate = std::move(candidates_.front());
+        candidates_.pop_front();
+        hurry_ = !candidates_.empty();
+      }
+      const TimeNs t = candidate.frame.t;
+      guard(t, "mapping", [&] { map_keyframe(std::move(candidate)); });
+    }
+  }
+
+  const StereoRig rig_;
+  const SweeperOptions options_;
+  EventSink* const events_;
+  const SE3d T_camera_body_;
+  StageClock clock_;
+
+  // Of the frame path.
+  Frontend frontend_;
+  Tracker tracker_;
+  StereoFrame frame_;
+  SE3d T_odom_map_;
+  TrackingState state_ = TrackingState::starting;
+  TimeNs lost_since_ = 0;
+  bool restarted_ = false;  // since it was lost vision has started again at the last pose
+
+  LocalMapper mapper_;
+  std::atomic<bool> hurry_ = false;  // another keyframe waits: mapping leaves early
+
+  std::mutex feed_mutex_;
+  TimeNs last_imu_ = kNever, last_wheels_ = kNever, last_image_ = kNever;
+
+  std::mutex queue_mutex_;
+  std::condition_variable queue_changed_;
+  std::deque<StereoImage> images_;
+  std::deque<KeyframeCandidate> candidates_;
+  std::shared_ptr<const LocalMap> new_local_map_;
+  bool finished_ = false;       // guarded by feed_mutex_ and queue_mutex_
+  bool tracking_done_ = false;  // guarded by queue_mutex_
+
+  mutable std::mutex state_mutex_;  // never held for longer than a copy
+  std::deque<TrackedImage> history_;
+  SweeperCounts counts_;
+  TimeNs newest_sample_ = kNever;
+
+  std::thread tracking_thread_, mapping_thread_;
+};
+
+Sweeper::Sweeper(const StereoRig& rig, const SweeperOptions& options, EventSink* events) {
+  check_options(options);
+  impl_ = std::make_unique<Impl>(rig, options, events);
+}
+Sweeper::~Sweeper() = default;
+void Sweeper::feed(const ImuSample& sample) noexcept { impl_->feed(sample); }
+void Sweeper::feed(const WheelSample& sample) noexcept { impl_->feed(sample); }
+void Sweeper::feed(StereoImage image) noexcept { impl_->feed(std::move(image)); }
+std::optional<BodyPose> Sweeper::pose_at(TimeNs t, Frame frame) const { return impl_->pose_at(t, frame); }
+void Sweeper::finish() { impl_->finish(); }
+const StereoRig& Sweeper::rig() const { return impl_->rig(); }
+const SweeperOptions& Sweeper::options() const { return impl_->options(); }
+SweeperCounts Sweeper::counts() const { return impl_->counts(); }
+std::vector<TrackedImage> Sweeper::images() const { return impl_->images(); }
+SE3d Sweeper::optimized_pose(const TrackedImage& image) const { return impl_->optimized_pose(image); }
+const StageClock& Sweeper::stage_clock() const { return impl_->stage_clock(); }
+const Map& Sweeper::map() const { return impl_->map(); }
+
+}  // namespace sweepkit

@@ -1,0 +1,138 @@
+// SPDX-FileCopyrightText: The sweepkit authors
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <cstdint>
+#include <memory>
+#include <optional>
+#include <vector>
+
+#include "sweepkit/core/event.hpp"
+#include "sweepkit/core/options.hpp"
+#include "sweepkit/core/sample.hpp"
+#include "sweepkit/core/stage_clock.hpp"
+#include "sweepkit/geometry/stereo_rig.hpp"
+#include "sweepkit/map/map.hpp"
+#include "sweepkit/slam/frontend.hpp"
+#include "sweepkit/slam/local_mapper.hpp"
+#include "sweepkit/slam/tracker.hpp"
+
+namespace sweepkit {
+
+/// Which frame a pose is asked in.
+enum class Frame {
+  odom,  ///< smooth: never corrected
+  map,   ///< corrected; steps when the map is
+};
+
+/// What a pose rests on.
+enum class PoseBasis {
+  vision,
+  odometry,
+  guess,  ///< carried on from the poses before
+};
+
+/// Where the body is at an instant. At t = 0 of a run both frames stand at the body's first pose.
+struct BodyPose {
+  TimeNs t = 0;
+  SE3d T_frame_body;  ///< frame: odom or map, as asked
+  /// Of xi in T_frame_body * Exp(xi), (rho, phi) in the body's axes, against the map nearby [m^2, rad^2].
+  Mat6<double> covariance = Mat6<double>::Zero();
+  PoseBasis basis = PoseBasis::guess;
+};
+
+/// What the whole system may be told.
+struct SweeperOptions {
+  bool realtime = false;
+  int image_queue = 2;
+  int keyframe_queue = 2;
+  FrontendOptions frontend;
+  TrackerOptions tracker;
+  LocalMapperOptions mapper;
+
+  template <class Visitor>
+  void visit_options(Visitor& v) {
+    v(realtime, "realtime", "", any_value(),
+      "keep up with the clock: mapping in a thread of its own, images dropped when late; else every image in "
+      "its turn");
+    v(image_queue, "image_queue", "images", range(1, 1000),
+      "images that may wait in real time before the oldest goes");
+    v(keyframe_queue, "keyframe_queue", "keyframes", range(1, 100),
+      "keyframes that may wait for mapping in real time before no more are made");
+    v.group(frontend, "frontend", "from images to measurements");
+    v.group(tracker, "tracker", "the pose of each frame");
+    v.group(mapper, "mapper", "the map");
+  }
+};
+
+/// An image and what became of it.
+struct TrackedImage {
+  TimeNs t = 0;
+  SE3d T_map_body;                                 ///< as known at that moment
+  SE3d T_odom_body;                                ///< the same in odom
+  Mat6<double> covariance = Mat6<double>::Zero();  ///< as in BodyPose
+  PoseBasis basis = PoseBasis::guess;
+  int points = 0;           ///< map points tracked
+  KeyframeId reference;     ///< keyframe that its pose follows when the map is corrected
+  SE3d T_camera_reference;  ///< against that keyframe
+};
+
+/// Counted over a run.
+struct SweeperCounts {
+  std::int64_t images = 0;           ///< processed, each with a pose
+  std::int64_t images_lost = 0;      ///< of these, without a pose from vision once a map had begun
+  std::int64_t images_dropped = 0;   ///< not processed: late in real time
+  std::int64_t images_missing = 0;   ///< of one camera only
+  std::int64_t samples_dropped = 0;  ///< refused: out of order, not finite, of a wrong size
+  std::int64_t imu_samples = 0;
+  std::int64_t wheel_samples = 0;
+  std::int64_t keyframes_made = 0;
+};
+
+/// The whole system. Feeds may be called from any threads, one for each kind of sample; they never throw:
+/// what cannot be used is counted, told as an event and dropped.
+///
+/// With `realtime` off an image is processed in the thread that feeds it, mapping included, before feed
+/// returns: runs of the same binary on the same samples are identical to the bit. With `realtime` on, feed
+/// returns at once; tracking and mapping have a thread each, a frame never waits for mapping, and images that
+/// come faster than they can be tracked are dropped, the oldest first.
+class Sweeper {
+ public:
+  /// @param events told of everything that happens, from any thread; must outlive this; may be null
+  /// Throws Error(option) if an option is out of range.
+  explicit Sweeper(const StereoRig& rig, const SweeperOptions& options = {}, EventSink* events = nullptr);
+  /// Ends without waiting for what is still queued.
+  ~Sweeper();
+  Sweeper(const Sweeper&) = delete;
+  Sweeper& operator=(const Sweeper&) = delete;
+
+  void feed(const ImuSample& sample) noexcept;
+  void feed(const WheelSample& sample) noexcept;
+  void feed(StereoImage image) noexcept;
+
+  /// The pose at any time from the first image to the newest sample, also while others feed; waits for no
+  /// tracking and no mapping. Between images along the constant twist from one to the next, after the last
+  /// one as it moved before. Nothing outside that time, and before the first image was tracked.
+  std::optional<BodyPose> pose_at(TimeNs t, Frame frame = Frame::odom) const;
+
+  /// Processes what is queued and stops all threads. What is fed later is dropped. Called by nobody else.
+  void finish();
+
+  const StereoRig& rig() const;
+  const SweeperOptions& options() const;
+  SweeperCounts counts() const;
+  /// Every image processed so far.
+  std::vector<TrackedImage> images() const;
+  /// T_map_body of the image now, after all corrections of the map.
+  SE3d optimized_pose(const TrackedImage& image) const;
+  /// Times of the stages so far; thread-safe.
+  const StageClock& stage_clock() const;
+  /// The map; in real time only after finish.
+  const Map& map() const;
+
+ private:
+  class Impl;
+  std::unique_ptr<Impl> impl_;
+};
+
+}  // namespace sweepkit
