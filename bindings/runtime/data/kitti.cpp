@@ -28,7 +28,7 @@ Projection read_projection(const fs::path& file, const std::string& name) {
   TextFile text(file);
   while (text.next_data()) {
     const auto& fields = text.fields(1);
-    if (fields[0] != name) continue;
+    if (fields[0] != name + ":") continue;
     if (fields.size() != 13)
       throw Error(ErrorKind::calibration, text.place() + ": " + name,
                   "must have 12 numbers, a 3x4 matrix by rows", std::to_string(fields.size() - 1));
@@ -46,7 +46,7 @@ Projection read_projection(const fs::path& file, const std::string& name) {
     return {
         {fx, fy, cx, cy}, {-(P[3] - cx * tz) / fx, -(P[7] - cy * tz) / fy, -tz}, text.place() + ": " + name};
   }
-  throw Error(ErrorKind::calibration, file.string(), "has no line " + name);
+  throw Error(ErrorKind::calibration, file.string(), "has no line " + name + ":");
 }
 
 /// Files of a folder by frame number.
@@ -85,7 +85,7 @@ std::unique_ptr<Recording> open_kitti(const fs::path& folder, const RecordingOpt
                 "is no KITTI sequence: neither image_0 nor image_1 lies in it");
 
   Rig rig;
-  const Projection first = read_projection(folder / "calib.txt", "P0:");
+  const Projection first = read_projection(folder / "calib.txt", "P0");
   const auto mount = [&](const Projection& projection, const std::map<long, fs::path>& files) {
     const SharedGray image = read_gray(files.begin()->second);
     return MountedCamera{
@@ -94,7 +94,7 @@ std::unique_ptr<Recording> open_kitti(const fs::path& folder, const RecordingOpt
   };
   if (!images[0].empty()) rig.left = mount(first, images[0]);
   if (!images[1].empty()) {
-    const Projection second = read_projection(folder / "calib.txt", "P1:");
+    const Projection second = read_projection(folder / "calib.txt", "P1");
     const double baseline = (second.center - first.center).norm();
     if (baseline < 1e-6)
       throw Error(ErrorKind::calibration, second.place,

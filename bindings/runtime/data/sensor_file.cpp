@@ -42,9 +42,11 @@ SensorFile::~SensorFile() = default;
 bool SensorFile::has(const std::string& key) const { return document_->root[key].IsDefined(); }
 
 Error SensorFile::error(const std::string& key, const std::string& message, const std::string& value) const {
-  const YAML::Node node = document_->root[key];
-  const std::string place =
-      node.IsDefined() ? fmt::format("{}:{}", file_.string(), node.Mark().line + 1) : file_.string();
+  std::string place = file_.string();
+  // The key's line, not the value's: a matrix begins on the line after.
+  for (const auto& entry : document_->root)
+    if (entry.first.IsScalar() && entry.first.Scalar() == key)
+      place += fmt::format(":{}", entry.first.Mark().line + 1);
   return Error(ErrorKind::calibration, place + ": " + key, message, value);
 }
 
