@@ -150,6 +150,12 @@ TEST_CASE("Flat, tiny and narrow images have no features") {
   CHECK(features.size() == 0);
 }
 
+TEST_CASE("Levels without room leave their share to the others") {
+  OrbOptions options;
+  options.count = 40;
+  CHECK(extract(random_scene(100, 90, 1), options).size() == 40);
+}
+
 TEST_CASE("Noise of a dark image is no feature") {
   GrayImage dark(640, 400);
   const GrayImage noise = random_image(640, 400, 7);

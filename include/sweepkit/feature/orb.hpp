@@ -63,9 +63,10 @@ class BasicOrbExtractor {
     brief_.prepare(pyramid.stride());
     // What a poor level leaves over goes to the next ones.
     double weight_left = 0;
-    for (int l = 0; l < pyramid.levels(); ++l) weight_left += level_weight(pyramid, l);
+    for (int l = 0; l < pyramid.levels(); ++l) weight_left += level_weight(pyramid.level(l));
     for (int l = 0; l < pyramid.levels(); ++l) {
-      const double weight = level_weight(pyramid, l);
+      const double weight = level_weight(pyramid.level(l));
+      if (weight <= 0) break;  // no room, and none on smaller levels
       const int open = options_.count - static_cast<int>(features.size());
       const int wanted = static_cast<int>(std::lround(open * weight / weight_left));
       weight_left -= weight;
@@ -80,9 +81,13 @@ class BasicOrbExtractor {
   }
 
  private:
-  /// Share of the key points. Between side (1) and area (2): fine levels locate better, coarse ones match
-  /// better over a change of scale; 1.5 repeats and matches best on the graf pair.
-  static double level_weight(const ImagePyramid& pyramid, int l) { return std::pow(pyramid.scale(l), -1.5); }
+  /// Share of the key points, from the area where they may lie. By area fine levels, which locate better, get
+  /// almost all; by side (area^0.5) coarse ones, which match better over a change of scale, get more.
+  static double level_weight(GrayView level) {
+    const double columns = std::max(0, level.width - 2 * border());
+    const double rows = std::max(0, level.height - 2 * border());
+    return std::pow(columns * rows, 0.6);
+  }
 
   void extract_level(const ImagePyramid& pyramid, int l, int wanted, Features<kBits>& features) {
     const GrayView image = pyramid.level(l);
