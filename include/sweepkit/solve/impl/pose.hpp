@@ -11,6 +11,14 @@
 #include "sweepkit/solve/motion_error.hpp"
 #include "sweepkit/solve/pose.hpp"
 
+// Left to itself the compiler gives up inlining Eigen's expressions in so long a function, which then takes
+// three times as long. Without optimization, or with sanitizers, to insist would take minutes to compile.
+#if defined(__OPTIMIZE__) && !defined(__SANITIZE_ADDRESS__) && !defined(__SANITIZE_THREAD__)
+#define SWEEPKIT_INLINE_ALL [[gnu::noinline, gnu::flatten]]
+#else
+#define SWEEPKIT_INLINE_ALL [[gnu::noinline]]
+#endif
+
 namespace sweepkit {
 namespace pose_detail {
 
@@ -95,9 +103,9 @@ inline void add_prior(const PosePrior& prior, const SE3d& T, Linearization& out)
 /// The sums over all blocks; also leaves each observation's chi2 in its block.
 /// @param scale2 squared scale of the loss, in gates
 template <RobustLoss Loss>
-[[gnu::noinline, gnu::flatten]] void linearize(const RectifiedCamera& camera, const SE3d& T,
-                                               std::vector<PoseBlock>& blocks, double scale2,
-                                               const PosePrior* prior, Linearization& out) {
+SWEEPKIT_INLINE_ALL void linearize(const RectifiedCamera& camera, const SE3d& T,
+                                   std::vector<PoseBlock>& blocks, double scale2, const PosePrior* prior,
+                                   Linearization& out) {
   const Mat3<double> R = T.rotation().matrix();
   const Vec3<double> t = T.translation();
   const double f = camera.focal, bf = camera.focal * camera.baseline;
@@ -363,3 +371,5 @@ PoseResult solve_pose_with(const RectifiedCamera& camera, const SE3d& T_camera_w
 }
 
 }  // namespace sweepkit
+
+#undef SWEEPKIT_INLINE_ALL
