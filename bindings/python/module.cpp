@@ -1,0 +1,26 @@
+// SPDX-FileCopyrightText: The sweepkit authors
+// SPDX-License-Identifier: Apache-2.0
+#include <string>
+
+#include "register.hpp"
+
+PYBIND11_MODULE(_core, m) {
+  namespace python = sweepkit::python;
+  m.doc() =
+      "The compiled part of sweepkit. Import its sub-modules from the package itself: sweepkit.geometry.";
+  pybind11::list folders;
+  const auto add = [&](const char* folder, void (*fill)(pybind11::module_&), const char* doc) {
+    pybind11::module_ sub = m.def_submodule(folder, doc);
+    // Types say that they live in the public module, where pickle and readers look for them.
+    sub.attr("__name__") = std::string("sweepkit.") + folder;
+    fill(sub);
+    folders.append(folder);
+  };
+  add("core", python::register_core, "Errors, versions, random numbers.");
+  add("geometry", python::register_geometry, "Rotations, motions, cameras, stereo rig, triangulation, PnP.");
+  add("image", python::register_image, "Images in several sizes.");
+  add("feature", python::register_feature, "Key points with binary descriptors.");
+  add("match", python::register_match, "Stereo matching and matching by descriptor.");
+  add("data", python::register_data, "Recordings, trajectories and their evaluation.");
+  m.attr("folders") = pybind11::tuple(folders);
+}

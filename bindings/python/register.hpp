@@ -1,0 +1,17 @@
+// SPDX-FileCopyrightText: The sweepkit authors
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <pybind11/pybind11.h>
+
+namespace sweepkit::python {
+
+// One for each folder, in the file of its name; given the sub-module to fill.
+void register_core(pybind11::module_& m);
+void register_geometry(pybind11::module_& m);
+void register_image(pybind11::module_& m);
+void register_feature(pybind11::module_& m);
+void register_match(pybind11::module_& m);
+void register_data(pybind11::module_& m);
+
+}  // namespace sweepkit::python
