@@ -30,43 +30,53 @@ struct Lattice {
 
 struct Strip {
   alignas(32) float value[kMaxRows][kStripColumns];
+  int offset[kMaxRows];  // whole columns that a row is read farther to the right
 };
 
-/// Reads columns -8 .. 7 and rows -radius .. radius; false if one lies outside the image.
+/// Reads columns -8 .. 7 and rows -radius .. radius, each shifted by shear times its number to the nearest
+/// whole column; false if one lies outside the image.
 template <class Sampler>
-SWEEPKIT_ALWAYS_INLINE bool read_strip(const GrayView& image, const Lattice& lattice, int radius,
+SWEEPKIT_ALWAYS_INLINE bool read_strip(const GrayView& image, const Lattice& lattice, int radius, float shear,
                                        Strip& strip) {
   constexpr int kFirst = -kStripColumns / 2, kLast = kStripColumns / 2 - 1;
+  for (int j = -radius; j <= radius; ++j)
+    strip.offset[j + radius] = static_cast<int>(std::lround(shear * static_cast<float>(j)));
+  const int spread = std::abs(strip.offset[0]);
   if (lattice.aligned) {
     const int x = static_cast<int>(lattice.origin.x()), y = static_cast<int>(lattice.origin.y());
-    if (x + kFirst < 0 || x + kLast >= image.width || y < radius || y + radius >= image.height) return false;
+    if (x + kFirst - spread < 0 || x + kLast + spread >= image.width || y < radius ||
+        y + radius >= image.height)
+      return false;
     for (int j = -radius; j <= radius; ++j)
-      widen<kStripColumns>(image.row(y + j) + x + kFirst, strip.value[j + radius]);
+      widen<kStripColumns>(image.row(y + j) + x + kFirst + strip.offset[j + radius], strip.value[j + radius]);
     return true;
   }
-  for (const int i : {kFirst, kLast})
+  for (const int i : {kFirst - spread, kLast + spread})
     for (const int j : {-radius, radius}) {
       const float x = lattice.origin.x() + i * lattice.step_u.x() + j * lattice.step_v.x();
       const float y = lattice.origin.y() + i * lattice.step_u.y() + j * lattice.step_v.y();
       if (!(x >= 1 && y >= 1 && x < image.width - 2 && y < image.height - 2)) return false;
     }
-  for (int j = -radius; j <= radius; ++j)
-    Sampler::bilinear(image, lattice.origin.x() + j * lattice.step_v.x() + kFirst * lattice.step_u.x(),
-                      lattice.origin.y() + j * lattice.step_v.y() + kFirst * lattice.step_u.y(),
+  for (int j = -radius; j <= radius; ++j) {
+    const int i = kFirst + strip.offset[j + radius];
+    Sampler::bilinear(image, lattice.origin.x() + j * lattice.step_v.x() + i * lattice.step_u.x(),
+                      lattice.origin.y() + j * lattice.step_v.y() + i * lattice.step_u.y(),
                       lattice.step_u.x(), lattice.step_u.y(), strip.value[j + radius]);
+  }
   return true;
 }
 
-/// The left patch made ready: zero-mean values, and the gradient's part that neither gain nor offset can
-/// explain.
+/// The left patch made ready: zero-mean values; the derivatives by shift and by shear without what gain and
+/// offset explain.
 struct Template {
-  Lanes value[kMaxRows], gradient[kMaxRows];
-  float count, variance, gradient_energy;
+  Lanes value[kMaxRows], by_shift[kMaxRows], by_shear[kMaxRows];
+  float count, variance;
+  float shift2, shear2, both;  // sums of products of the derivatives
 };
 
 SWEEPKIT_ALWAYS_INLINE void prepare(const Strip& left, int rows, Template& t) {
   t.count = static_cast<float>(8 * rows);
-  Lanes sum = {}, gradient_sum = {};
+  Lanes sum = {}, shift_sum = {}, shear_sum = {};
   for (int j = 0; j < rows; ++j) {
     const float* p = left.value[j] + kPatch;
     Lanes m2, m1, p1, p2;
@@ -75,45 +85,57 @@ SWEEPKIT_ALWAYS_INLINE void prepare(const Strip& left, int rows, Template& t) {
     load(p, t.value[j]);
     load(p + 1, p1);
     load(p + 2, p2);
-    t.gradient[j] = (p1 - m1) * (8.0f / 12) - (p2 - m2) * (1.0f / 12);
+    t.by_shift[j] = (p1 - m1) * (8.0f / 12) - (p2 - m2) * (1.0f / 12);
+    t.by_shear[j] = t.by_shift[j] * static_cast<float>(j - rows / 2);
     sum += t.value[j];
-    gradient_sum += t.gradient[j];
+    shift_sum += t.by_shift[j];
+    shear_sum += t.by_shear[j];
   }
-  const float mean = add_lanes(sum) / t.count, gradient_mean = add_lanes(gradient_sum) / t.count;
-  Lanes vv = {}, vg = {};
+  const float mean = add_lanes(sum) / t.count, shift_mean = add_lanes(shift_sum) / t.count,
+              shear_mean = add_lanes(shear_sum) / t.count;
+  Lanes value2 = {}, value_shift = {}, value_shear = {};
   for (int j = 0; j < rows; ++j) {
     t.value[j] -= mean;
-    vv += t.value[j] * t.value[j];
-    vg += t.value[j] * t.gradient[j];
+    value2 += t.value[j] * t.value[j];
+    value_shift += t.value[j] * t.by_shift[j];
+    value_shear += t.value[j] * t.by_shear[j];
   }
-  t.variance = add_lanes(vv);
-  const float slope = t.variance > 0 ? add_lanes(vg) / t.variance : 0.0f;
-  Lanes gg = {};
+  t.variance = add_lanes(value2);
+  const float inverse = t.variance > 0 ? 1 / t.variance : 0.0f;
+  const float shift_gain = add_lanes(value_shift) * inverse, shear_gain = add_lanes(value_shear) * inverse;
+  Lanes shift2 = {}, shear2 = {}, both = {};
   for (int j = 0; j < rows; ++j) {
-    t.gradient[j] = t.gradient[j] - gradient_mean - slope * t.value[j];
-    gg += t.gradient[j] * t.gradient[j];
+    t.by_shift[j] = t.by_shift[j] - shift_mean - shift_gain * t.value[j];
+    t.by_shear[j] = t.by_shear[j] - shear_mean - shear_gain * t.value[j];
+    shift2 += t.by_shift[j] * t.by_shift[j];
+    shear2 += t.by_shear[j] * t.by_shear[j];
+    both += t.by_shift[j] * t.by_shear[j];
   }
-  t.gradient_energy = add_lanes(gg);
+  t.shift2 = add_lanes(shift2);
+  t.shear2 = add_lanes(shear2);
+  t.both = add_lanes(both);
 }
 
-/// Sums over the right patch at a shift.
+/// Sums over the right patch at a shift and shear.
 struct Sums {
-  float value_right;     // template times right
-  float gradient_right;  // gradient times right
-  float right, right2;   // right and its square
+  float value_right = 0, shift_right = 0, shear_right = 0;  // the template's times right
+  float right = 0, right2 = 0;                              // right and its square
 
   float variance(float count) const { return right2 - right * right / count; }
 };
 
-/// Right patch moved by a whole number of columns and a fraction of one.
-SWEEPKIT_ALWAYS_INLINE Sums compare(const Template& t, const Strip& right, int rows, int whole,
-                                    float fraction) {
-  const float f = fraction;
-  // Lagrange's cubic through columns -1, 0, 1, 2.
-  const float w0 = -f * (f - 1) * (f - 2) * (1.0f / 6), w1 = (f + 1) * (f - 1) * (f - 2) * 0.5f,
-              w2 = -(f + 1) * f * (f - 2) * 0.5f, w3 = (f + 1) * f * (f - 1) * (1.0f / 6);
-  Lanes value_right = {}, gradient_right = {}, sum = {}, sum2 = {};
+/// Right patch with row j moved by shift + shear * j columns; false if it runs off the strip.
+SWEEPKIT_ALWAYS_INLINE bool compare(const Template& t, const Strip& right, int rows, float shift, float shear,
+                                    Sums& sums) {
+  Lanes value_right = {}, shift_right = {}, shear_right = {}, sum = {}, sum2 = {};
   for (int j = 0; j < rows; ++j) {
+    const float x = shift + shear * static_cast<float>(j - rows / 2) - static_cast<float>(right.offset[j]);
+    if (!(x >= -kReach && x < kReach)) return false;
+    const int whole = static_cast<int>(x + kReach) - kReach;  // floor
+    const float f = x - static_cast<float>(whole);
+    // Lagrange's cubic through columns -1, 0, 1, 2.
+    const float w0 = -f * (f - 1) * (f - 2) * (1.0f / 6), w1 = (f + 1) * (f - 1) * (f - 2) * 0.5f,
+                w2 = -(f + 1) * f * (f - 2) * 0.5f, w3 = (f + 1) * f * (f - 1) * (1.0f / 6);
     const float* p = right.value[j] + kPatch + whole;
     Lanes a, r, c, d;
     load(p - 1, a);
@@ -122,11 +144,14 @@ SWEEPKIT_ALWAYS_INLINE Sums compare(const Template& t, const Strip& right, int r
     load(p + 2, d);
     r = a * w0 + r * w1 + c * w2 + d * w3;
     value_right += t.value[j] * r;
-    gradient_right += t.gradient[j] * r;
+    shift_right += t.by_shift[j] * r;
+    shear_right += t.by_shear[j] * r;
     sum += r;
     sum2 += r * r;
   }
-  return {add_lanes(value_right), add_lanes(gradient_right), add_lanes(sum), add_lanes(sum2)};
+  sums = {add_lanes(value_right), add_lanes(shift_right), add_lanes(shear_right), add_lanes(sum),
+          add_lanes(sum2)};
+  return true;
 }
 
 /// The same at a whole number of columns, for the correlation alone.
@@ -139,22 +164,23 @@ SWEEPKIT_ALWAYS_INLINE Sums compare_whole(const Template& t, const Strip& right,
     sum += r;
     sum2 += r * r;
   }
-  return {add_lanes(value_right), 0, add_lanes(sum), add_lanes(sum2)};
+  return {.value_right = add_lanes(value_right), .right = add_lanes(sum), .right2 = add_lanes(sum2)};
 }
 
 struct Shift {
   float columns;      // to add to the place in the right image [samples]
+  float shear;        // columns a row
   float sigma;        // [samples]
   float correlation;  // of the patches there
 };
 
-/// Finds the shift; false without texture or when it runs off the strip.
+/// Finds shift and shear; false without texture or when they run off the strip.
+/// @param reach whole columns to search first; 0 starts at the middle
 SWEEPKIT_ALWAYS_INLINE bool find_shift(const Strip& left, const Strip& right, int rows, int reach,
-                                       int iterations, float noise, Shift& shift) {
+                                       const PatchRefinement::Options& options, Shift& shift) {
   Template t;
   prepare(left, rows, t);
-  if (!(t.variance > 0) || !(t.gradient_energy > 0)) return false;
-  int start = 0;
+  if (!(t.variance > 0) || !(t.shift2 > 0)) return false;
   if (reach > 0) {
     float best = -2;
     for (int s = -reach; s <= std::min(reach, kReach - 1); ++s) {
@@ -163,31 +189,34 @@ SWEEPKIT_ALWAYS_INLINE bool find_shift(const Strip& left, const Strip& right, in
       const float correlation = variance > 0 ? sums.value_right / std::sqrt(variance) : -2.0f;
       if (correlation > best) {
         best = correlation;
-        start = s;
+        shift.columns = static_cast<float>(s);
       }
     }
   }
-  float x = static_cast<float>(start);
-  float gain = 1;
-  for (int k = 0; k < iterations; ++k) {
-    const float whole = std::floor(x);
-    const Sums sums = compare(t, right, rows, static_cast<int>(whole), x - whole);
-    gain = sums.value_right / t.variance;
+  const auto noise = static_cast<float>(options.image_noise),
+             shear_sigma = static_cast<float>(options.shear_sigma);
+  // A prior of shear 0 holds it where texture does not tell.
+  const float prior = (noise * noise + 0.01f) / (shear_sigma * shear_sigma);
+  const float shear2 = t.shear2 + prior;
+  const float inverse = 1 / (t.shift2 * shear2 - t.both * t.both);
+  if (!(inverse > 0)) return false;
+  Sums sums;
+  for (int k = 0; k < options.iterations; ++k) {
+    if (!compare(t, right, rows, shift.columns, shift.shear, sums)) return false;
+    const float gain = sums.value_right / t.variance;
     if (!(gain > 0.1f)) return false;
-    const float step = std::clamp(-sums.gradient_right / (gain * t.gradient_energy), -0.75f, 0.75f);
-    x += step;
-    if (!(x >= -kReach && x < kReach)) return false;
+    const float a = -sums.shift_right / gain, b = -sums.shear_right / gain - prior * shift.shear;
+    const float step = std::clamp((a * shear2 - b * t.both) * inverse, -0.75f, 0.75f);
+    shift.columns += step;
+    shift.shear += std::clamp((b * t.shift2 - a * t.both) * inverse, -0.2f, 0.2f);
     if (std::abs(step) < 0.005f) break;
   }
-  const float whole = std::floor(x);
-  const Sums sums = compare(t, right, rows, static_cast<int>(whole), x - whole);
-  const float variance = sums.variance(t.count);
-  gain = sums.value_right / t.variance;
+  if (!compare(t, right, rows, shift.columns, shift.shear, sums)) return false;
+  const float variance = sums.variance(t.count), gain = sums.value_right / t.variance;
   if (!(variance > 0) || !(gain > 0.1f)) return false;
-  const float residual = std::max(variance - gain * sums.value_right, 0.0f) / (t.count - 3);
-  shift.columns = x;
+  const float residual = std::max(variance - gain * sums.value_right, 0.0f) / (t.count - 4);
   shift.correlation = sums.value_right / std::sqrt(variance * t.variance);
-  shift.sigma = std::sqrt((residual + noise * noise) / t.gradient_energy) / gain;
+  shift.sigma = std::sqrt((residual + noise * noise) * shear2 * inverse) / gain;
   return true;
 }
 
@@ -199,16 +228,20 @@ struct Pair {
   bool aligned;  // rectified pair: no map at all
 };
 
-struct Result {
-  float disparity = 0, sigma = 0, correlation = 0;
+struct Strips {
+  Strip left, right;
 };
 
-/// Refines on one level from a disparity; false if that fails.
+struct Result {
+  float disparity = 0, shear = 0, sigma = 0, correlation = 0;
+};
+
+/// Refines on one level from the disparity and shear of `start`; false if that fails.
 template <class Sampler>
 SWEEPKIT_ALWAYS_INLINE bool refine_on_level(const Pair& pair, const ImagePyramid& left_pyramid,
-                                            const ImagePyramid& right_pyramid, int level, float disparity,
+                                            const ImagePyramid& right_pyramid, int level, const Result& start,
                                             int reach, const PatchRefinement::Options& options,
-                                            Result& result) {
+                                            Strips& strips, Result& result) {
   const GrayView left = left_pyramid.level(level), right = right_pyramid.level(level);
   const Vec2<float> scale(left_pyramid.scale_x(level), left_pyramid.scale_y(level));
   // The left patch sits on whole pixels of the level, its middle (column -0.5) as near to the key point as
@@ -221,6 +254,9 @@ SWEEPKIT_ALWAYS_INLINE bool refine_on_level(const Pair& pair, const ImagePyramid
   const Vec2<float> center(left_pyramid.to_full_x(level, at_left.origin.x()),
                            left_pyramid.to_full_y(level, at_left.origin.y()));
   const Vec2<float> rectified = pair.left_rectified + pair.J_left * (center - pair.left_pixel);
+  // Shear carries disparities between the patch's row and the key point's.
+  const float rows_below = rectified.y() - pair.left_rectified.y();
+  const float disparity = start.disparity - start.shear * rows_below;
   const Vec2<float> target(rectified.x() - disparity, rectified.y());
   const Vec2<float> pixel = pair.right_pixel + pair.J_right_inverse * (target - pair.right_rectified);
   Lattice at_right{
@@ -246,15 +282,13 @@ SWEEPKIT_ALWAYS_INLINE bool refine_on_level(const Pair& pair, const ImagePyramid
   at_right.origin += offset * at_right.step_u;
   if (pair.aligned) at_right.origin = {column, std::round(at_right.origin.y())};
 
-  Strip left_strip, right_strip;
-  if (!read_strip<Sampler>(left, at_left, options.radius, left_strip) ||
-      !read_strip<Sampler>(right, at_right, options.radius, right_strip))
+  if (!read_strip<Sampler>(left, at_left, options.radius, 0, strips.left) ||
+      !read_strip<Sampler>(right, at_right, options.radius, start.shear, strips.right))
     return false;
-  Shift shift;
-  if (!find_shift(left_strip, right_strip, 2 * options.radius + 1, reach, options.iterations,
-                  static_cast<float>(options.image_noise), shift))
-    return false;
-  result.disparity = disparity - (offset + shift.columns) * scale.x();
+  Shift shift{.columns = 0, .shear = start.shear, .sigma = 0, .correlation = 0};
+  if (!find_shift(strips.left, strips.right, 2 * options.radius + 1, reach, options, shift)) return false;
+  result.disparity = disparity - (offset + shift.columns) * scale.x() + shift.shear * rows_below;
+  result.shear = shift.shear;
   result.sigma = shift.sigma * scale.x();
   result.correlation = shift.correlation;
   return true;
@@ -266,6 +300,7 @@ SWEEPKIT_ALWAYS_INLINE void refine_all(const StereoRig& rig, const PatchRefineme
                                        const Features<256>& right, const ImagePyramid& right_pyramid,
                                        std::span<StereoMatch> matches) {
   const bool aligned = rig.is_rectified();
+  Strips strips{};
   const auto floor = static_cast<float>(options.sigma_floor);
   const int reach = std::min(kReach, static_cast<int>(std::ceil(options.max_shift)));
   for (std::size_t i = 0; i < matches.size(); ++i) {
@@ -293,15 +328,14 @@ SWEEPKIT_ALWAYS_INLINE void refine_all(const StereoRig& rig, const PatchRefineme
     const int level = std::min(l.octave, left_pyramid.levels() - 1);
     const float scale = left_pyramid.scale_x(level);
     Result result;
-    if (!refine_on_level<Sampler>(pair, left_pyramid, right_pyramid, level, match.disparity, reach, options,
-                                  result)) {
+    if (!refine_on_level<Sampler>(pair, left_pyramid, right_pyramid, level, {.disparity = match.disparity},
+                                  reach, options, strips, result)) {
       clear_match(match);
       continue;
     }
     if (level > 0 && options.finish_on_full_image) {
       Result full;
-      if (refine_on_level<Sampler>(pair, left_pyramid, right_pyramid, 0, result.disparity, 1, options,
-                                   full) &&
+      if (refine_on_level<Sampler>(pair, left_pyramid, right_pyramid, 0, result, 0, options, strips, full) &&
           full.sigma < result.sigma && full.correlation >= options.min_correlation)
         result = full;
     }

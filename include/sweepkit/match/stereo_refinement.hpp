@@ -45,10 +45,11 @@ struct NoRefinement {
 /// (inverse of the Jacobian of rectification), so that a column of the grid is a pixel of disparity; of a
 /// pair that is rectified already they are plain copies. Zero-mean normalised correlation over whole pixels
 /// finds where to start; inverse-compositional Gauss-Newton on disparity, gain and offset (Baker and Matthews
-/// 2004) finishes. The gradient is taken from the left patch alone and the right one is read by four-point
-/// Lagrange interpolation, whose phase is right to fourth order: so neither noise nor interpolation draws the
-/// result to whole or half pixels, as the parabola through sums of absolute differences does. First on the
-/// pyramid level of the key point, then on level 0; the more certain result stays.
+/// 2004) finishes; a fourth unknown lets the disparity change from row to row, as it does on floors. The
+/// gradient is taken from the left patch alone and the right one is read by four-point Lagrange
+/// interpolation, whose phase is right to fourth order: so neither noise nor interpolation draws the result
+/// to whole or half pixels, as the parabola through sums of absolute differences does. First on the pyramid
+/// level of the key point, then on level 0; the more certain result stays.
 class PatchRefinement {
  public:
   struct Options {
@@ -60,6 +61,7 @@ class PatchRefinement {
     double max_sigma = 0.5;
     double image_noise = 2.0;
     double sigma_floor = 0.05;
+    double shear_sigma = 0.3;
     bool finish_on_full_image = true;
 
     template <class Visitor>
@@ -81,6 +83,8 @@ class PatchRefinement {
       v(sigma_floor, "sigma_floor", "px", range(0.0, 10.0),
         "added in quadrature to the standard deviation that noise alone explains: calibration, slanted "
         "surfaces");
+      v(shear_sigma, "shear_sigma", "", range(0.001, 10.0),
+        "change of disparity from row to row to expect, as on a floor: baseline / camera height [px a row]");
       v(finish_on_full_image, "finish_on_full_image", "", any_value(),
         "refine once more on level 0, from the result on the level of the octave");
     }
