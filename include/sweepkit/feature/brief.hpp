@@ -67,11 +67,13 @@ class RotatedBrief {
     const std::uint8_t* centre = smoothed.row(y) + x;
     BinaryDescriptor<kBits> descriptor;
     // All words grow at once, highest bit first: independent chains of compare and add-with-carry.
-    for (int bit = 0; bit < 64; ++bit)
-      for (auto& word : descriptor.words) {
-        word = word + word + (centre[offset[0]] < centre[offset[1]]);
-        offset += 2;
+    for (int bit = 0; bit < 64; ++bit, offset += 2 * kWords) {
+#pragma GCC unroll 8
+      for (int w = 0; w < kWords; ++w) {
+        auto& word = descriptor.words[w];
+        word = word + word + (centre[offset[2 * w]] < centre[offset[2 * w + 1]]);
       }
+    }
     return descriptor;
   }
 

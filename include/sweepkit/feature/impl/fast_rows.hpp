@@ -6,6 +6,7 @@
 #include <array>
 #include <cstddef>
 #include <cstdint>
+#include <cstring>
 
 #include "sweepkit/core/simd.hpp"
 
@@ -122,19 +123,32 @@ inline void fast_score_row_portable(const std::uint8_t* row, std::ptrdiff_t stri
 /// Vector code writes so many columns beyond the last.
 inline constexpr int kMaximaSlack = 4;
 
+/// Whether the score is above those before it in reading order, and not below those after.
+inline bool is_local_maximum(const std::uint8_t* p, std::ptrdiff_t stride) {
+  const std::uint8_t before = larger(larger(p[-1], p[-stride - 1]), larger(p[-stride], p[-stride + 1]));
+  const std::uint8_t after = larger(larger(p[1], p[stride - 1]), larger(p[stride], p[stride + 1]));
+  return (*p > before) & (*p >= after);
+}
+
 /// Columns whose score is above zero, above the neighbours before them in reading order, and not below those
 /// after. Neighbours of all columns must be readable. Returns how many; `columns` has room for count +
 /// kMaximaSlack.
 inline int local_maxima_portable(const std::uint8_t* scores, std::ptrdiff_t stride, int count,
                                  std::int16_t* columns) {
-  int found = 0;
-  for (int x = 0; x < count; ++x) {
-    const std::uint8_t* p = scores + x;
-    if (*p == 0) continue;
-    const int before = std::max(std::max(p[-1], p[-stride - 1]), std::max(p[-stride], p[-stride + 1]));
-    const int after = std::max(std::max(p[1], p[stride - 1]), std::max(p[stride], p[stride + 1]));
-    if (*p > before && *p >= after) columns[found++] = static_cast<std::int16_t>(x);
+  int found = 0, x = 0;
+  for (; x + kFastBlock <= count; x += kFastBlock) {
+    FastLanes kept;
+    for (int k = 0; k < kFastBlock; ++k) kept[k] = is_local_maximum(scores + x + k, stride);
+    for (int part = 0; part < kFastBlock; part += 8) {
+      std::uint64_t eight;
+      std::memcpy(&eight, kept.data() + part, 8);
+      if (eight == 0) continue;
+      for (int k = part; k < part + 8; ++k)
+        if (kept[k]) columns[found++] = static_cast<std::int16_t>(x + k);
+    }
   }
+  for (; x < count; ++x)
+    if (is_local_maximum(scores + x, stride)) columns[found++] = static_cast<std::int16_t>(x);
   return found;
 }
 
@@ -152,7 +166,8 @@ SWEEPKIT_TARGET_AVX2 inline void fast_score_row_avx2(const std::uint8_t* row, st
     const __m256i centre = load_32(p);
     const __m256i high = _mm256_adds_epu8(centre, t), low = _mm256_subs_epu8(centre, t);
     __m256i around[16];
-    for (const int i : {0, 4, 8, 12}) around[i] = load_32(p + circle[i]);
+#pragma GCC unroll 4
+    for (int i = 0; i < 16; i += 4) around[i] = load_32(p + circle[i]);
     const __m256i bright_pairs =
         _mm256_min_epu8(_mm256_max_epu8(around[0], around[8]), _mm256_max_epu8(around[4], around[12]));
     const __m256i dark_pairs =
@@ -163,7 +178,9 @@ SWEEPKIT_TARGET_AVX2 inline void fast_score_row_avx2(const std::uint8_t* row, st
       store_32(scores + x, zero);
       continue;
     }
-    for (const int i : {1, 2, 3, 5, 6, 7, 9, 10, 11, 13, 14, 15}) around[i] = load_32(p + circle[i]);
+#pragma GCC unroll 16
+    for (int i = 0; i < 16; ++i)
+      if (i % 4 != 0) around[i] = load_32(p + circle[i]);
     // The brightest arc by its darkest pixel, and the darkest by its brightest. The arcs that begin at an
     // even pixel and at the one after share eight pixels.
     __m256i two[8], four[8];
