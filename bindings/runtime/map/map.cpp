@@ -158,6 +158,12 @@ void Map::set_appearance(PointId id, const OrbDescriptor& descriptor, const Vec3
   point.max_distance = max_distance;
 }
 
+void Map::shift_disparities(double bias) {
+  for (auto& keyframe : keyframes_)
+    if (keyframe)
+      for (Measurement& m : keyframe->measurements) m.shift_disparity(bias);
+}
+
 void Map::count_prediction(PointId id, int predicted, int found) {
   MapPoint& point = at(id);
   point.predicted += predicted;

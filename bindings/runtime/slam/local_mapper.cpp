@@ -86,6 +86,7 @@ KeyframeId LocalMapper::insert(KeyframeCandidate&& candidate) {
                                 ? frame.T_camera_reference * map_.T_camera_world(frame.reference)
                                 : frame.T_camera_world;
   keyframe.measurements = std::move(frame.measurements);
+  for (Measurement& m : keyframe.measurements) m.shift_disparity(disparity_bias_ - frame.disparity_bias);
   keyframe.descriptors = std::move(frame.descriptors);
   keyframe.parent = parent;
   const KeyframeId id = map_.add_keyframe(std::move(keyframe));
@@ -262,6 +263,7 @@ void LocalMapper::adjust(KeyframeId id, const std::atomic<bool>* stop) {
       observed.emplace_back(points[p], o.keyframe);
     }
   }
+  problem.disparity_bias_sigma = options_.disparity_bias_sigma;
   const BundleResult result = solve_bundle(camera_, problem, options_.bundle, stop);
   for (std::size_t i = 0; i < window.size(); ++i)
     if (!problem.fixed[i]) map_.set_pose(window[i], problem.T_camera_world[i]);
@@ -271,6 +273,8 @@ void LocalMapper::adjust(KeyframeId id, const std::atomic<bool>* stop) {
       map_.remove_observation(observed[i].first, observed[i].second);
   for (const PointId point : points)
     if (map_.find(point)) refresh_appearance(point);
+  disparity_bias_ += problem.disparity_bias;
+  map_.shift_disparities(problem.disparity_bias);
 }
 
 void LocalMapper::cull_keyframes(KeyframeId newest) {
@@ -378,6 +382,7 @@ std::shared_ptr<const LocalMap> LocalMapper::copy(KeyframeId newest) const {
   local->newest = newest;
   local->newest_t = keyframe.t;
   local->newest_points = keyframe.points;
+  local->disparity_bias = disparity_bias_;
   std::vector<KeyframeId> keyframes = neighbourhood(newest);
   std::sort(keyframes.begin(), keyframes.end());
   std::vector<PointId> ids;

@@ -37,6 +37,8 @@ Tracker::Tracker(const RectifiedCamera& camera, const StereoRig::Bounds& view, c
 
 void Tracker::set_local_map(std::shared_ptr<const LocalMap> map) {
   map_ = std::move(map);
+  for (Measurement& m : last_.measurements) m.shift_disparity(map_->disparity_bias - last_.disparity_bias);
+  last_.disparity_bias = map_->disparity_bias;
   if (map_->newest_t == last_.t) {  // the last frame has become this keyframe
     last_.points = map_->newest_points;
     last_.reference = map_->newest;

@@ -62,15 +62,19 @@ class MotionManifold final : public ceres::Manifold {
   }
 };
 
-// kRows 2: u and v; 3: the disparity too. Switched off it is zero whatever the parameters.
-template <int kRows>
-class ReprojectionCost final : public ceres::SizedCostFunction<kRows, 7, 3> {
+// kRows 2: u and v; 3: the disparity too. Parameters are the pose, the point and, as kShared, the bias of
+// disparities. Switched off it is zero whatever the parameters.
+template <int kRows, int... kShared>
+class ReprojectionCost final : public ceres::SizedCostFunction<kRows, 7, 3, kShared...> {
+  static constexpr bool kBias = sizeof...(kShared) > 0;
+
  public:
-  ReprojectionCost(const RectifiedCamera& camera, const BundleObservation& o)
+  /// @param disparity_bias where it is no parameter
+  ReprojectionCost(const RectifiedCamera& camera, const BundleObservation& o, double disparity_bias = 0.0)
       : camera_(camera),
         u_(o.u),
         v_(o.v),
-        disparity_(static_cast<double>(o.u) - o.u_right),
+        disparity_(static_cast<double>(o.u) - o.u_right - disparity_bias),
         weight_(1.0 / o.sigma),
         weight_disparity_(1.0 / o.sigma_disparity) {}
 
@@ -84,9 +88,11 @@ class ReprojectionCost final : public ceres::SizedCostFunction<kRows, 7, 3> {
     Vec3<double> errors;
     Eigen::Matrix<double, 3, 6> J_pose;
     Mat3<double> J_point;
+    double disparity = disparity_;
+    if constexpr (kBias) disparity -= parameters[2][0];
     const bool in_front =
         on_ && reprojection_error(camera_, R, Vec3<double>(x[0], x[1], x[2]),
-                                  Eigen::Map<const Vec3<double>>(parameters[1]), u_, v_, disparity_, errors,
+                                  Eigen::Map<const Vec3<double>>(parameters[1]), u_, v_, disparity, errors,
                                   need_pose ? &J_pose : nullptr, need_point ? &J_point : nullptr);
     Eigen::Matrix<double, kRows, 1> weights = Eigen::Matrix<double, kRows, 1>::Constant(weight_);
     if constexpr (kRows == 3) weights[2] = weight_disparity_;
@@ -108,6 +114,13 @@ class ReprojectionCost final : public ceres::SizedCostFunction<kRows, 7, 3> {
       Eigen::Map<Eigen::Matrix<double, kRows, 3, Eigen::RowMajor>> J(jacobians[1]);
       J = weights.asDiagonal() * J_point.template topRows<kRows>();
     }
+    if constexpr (kBias) {
+      if (jacobians && jacobians[2]) {
+        Eigen::Map<Eigen::Matrix<double, kRows, 1>> J(jacobians[2]);
+        J.setZero();
+        if (in_front) J[2] = weight_disparity_;
+      }
+    }
     return true;
   }
 
@@ -115,6 +128,20 @@ class ReprojectionCost final : public ceres::SizedCostFunction<kRows, 7, 3> {
   RectifiedCamera camera_;
   double u_, v_, disparity_, weight_, weight_disparity_;
   bool on_ = true;
+};
+
+// Holds the bias of disparities near what was known of it.
+class BiasPriorCost final : public ceres::SizedCostFunction<1, 1> {
+ public:
+  BiasPriorCost(double mean, double sigma) : mean_(mean), weight_(1.0 / sigma) {}
+  bool Evaluate(const double* const* parameters, double* residuals, double** jacobians) const override {
+    residuals[0] = weight_ * (parameters[0][0] - mean_);
+    if (jacobians && jacobians[0]) jacobians[0][0] = weight_;
+    return true;
+  }
+
+ private:
+  double mean_, weight_;
 };
 
 class RelativePoseCost final : public ceres::SizedCostFunction<6, 7, 7> {
@@ -178,6 +205,10 @@ void check(const RectifiedCamera& camera, const BundleProblem& problem) {
     require(o.u_right < 0.0F || (o.sigma_disparity > 0.0F && std::isfinite(o.sigma_disparity)),
             "solve_bundle sigma_disparity", "must be positive", o.sigma_disparity);
   }
+  require(std::isfinite(problem.disparity_bias) && std::isfinite(problem.disparity_bias_sigma) &&
+              problem.disparity_bias_sigma >= 0.0,
+          "solve_bundle disparity_bias", "must be finite with a sigma that is not negative",
+          problem.disparity_bias_sigma);
   for (const RelativePose& r : problem.relative_poses) {
     require(is_pose(r.a) && is_pose(r.b) && r.a != r.b, "solve_bundle relative pose",
             "must tie two different poses", r.a);
@@ -189,11 +220,12 @@ void check(const RectifiedCamera& camera, const BundleProblem& problem) {
 }
 
 bool beyond_gate(const RectifiedCamera& camera, const Mat3<double>& R, const Vec3<double>& t,
-                 const Vec3<double>& p_world, const BundleObservation& o, double gate) {
+                 const Vec3<double>& p_world, const BundleObservation& o, double disparity_bias,
+                 double gate) {
   const bool stereo = !(o.u_right < 0.0F);
   Vec3<double> e;
-  if (!reprojection_error(camera, R, t, p_world, o.u, o.v, static_cast<double>(o.u) - o.u_right, e))
-    return true;
+  const double disparity = static_cast<double>(o.u) - o.u_right - disparity_bias;
+  if (!reprojection_error(camera, R, t, p_world, o.u, o.v, disparity, e)) return true;
   const double inv = 1.0 / o.sigma, inv_d = stereo ? 1.0 / o.sigma_disparity : 0.0;
   e = e.cwiseProduct(Vec3<double>(inv, inv, inv_d));
   return !(e.squaredNorm() <= gate * (stereo ? kGateStereo : kGateMono));
@@ -230,6 +262,10 @@ BundleResult solve_bundle(const RectifiedCamera& camera, BundleProblem& problem,
       stereo_loss(std::sqrt(options.gate * kGateStereo));
   std::deque<ReprojectionCost<2>> mono;
   std::deque<ReprojectionCost<3>> stereo;
+  std::deque<ReprojectionCost<3, 1>> stereo_biased;
+  double bias = problem.disparity_bias;
+  bool estimate_bias = problem.disparity_bias_sigma > 0.0;
+  BiasPriorCost bias_prior(problem.disparity_bias, estimate_bias ? problem.disparity_bias_sigma : 1.0);
   std::deque<RelativePoseCost> relative;
   std::vector<std::uint8_t> pose_used(pose_count, 0), point_used(point_count, 0);
   ceres::Problem ceres_problem(problem_options);
@@ -246,12 +282,18 @@ BundleResult solve_bundle(const RectifiedCamera& camera, BundleProblem& problem,
       place[i] = static_cast<int>(mono.size());
       ceres_problem.AddResidualBlock(&mono.emplace_back(camera, o), &mono_loss, poses[pose].data(),
                                      points[point].data());
+    } else if (estimate_bias) {
+      place[i] = static_cast<int>(stereo_biased.size());
+      ceres_problem.AddResidualBlock(&stereo_biased.emplace_back(camera, o), &stereo_loss, poses[pose].data(),
+                                     points[point].data(), &bias);
     } else {
       place[i] = static_cast<int>(stereo.size());
-      ceres_problem.AddResidualBlock(&stereo.emplace_back(camera, o), &stereo_loss, poses[pose].data(),
+      ceres_problem.AddResidualBlock(&stereo.emplace_back(camera, o, bias), &stereo_loss, poses[pose].data(),
                                      points[point].data());
     }
   }
+  estimate_bias = !stereo_biased.empty();
+  if (estimate_bias) ceres_problem.AddResidualBlock(&bias_prior, nullptr, &bias);
   for (const RelativePose& r : problem.relative_poses) {
     const auto a = static_cast<std::size_t>(r.a), b = static_cast<std::size_t>(r.b);
     pose_used[a] = pose_used[b] = 1;
@@ -265,6 +307,7 @@ BundleResult solve_bundle(const RectifiedCamera& camera, BundleProblem& problem,
   auto ordering = std::make_shared<ceres::ParameterBlockOrdering>();
   for (std::size_t i = 0; i < point_count; ++i)
     if (point_used[i]) ordering->AddElementToGroup(points[i].data(), 0);
+  if (estimate_bias) ordering->AddElementToGroup(&bias, 1);
   int free_poses = 0;
   for (std::size_t i = 0; i < pose_count; ++i) {
     if (!pose_used[i]) continue;
@@ -292,7 +335,7 @@ BundleResult solve_bundle(const RectifiedCamera& camera, BundleProblem& problem,
       const BundleObservation& o = problem.observations[i];
       const auto pose = static_cast<std::size_t>(o.pose);
       result.outlier[i] = beyond_gate(camera, R[pose], Eigen::Map<const Vec3<double>>(poses[pose].data()),
-                                      points[static_cast<std::size_t>(o.point)], o, options.gate);
+                                      points[static_cast<std::size_t>(o.point)], o, bias, options.gate);
       result.outliers += result.outlier[i];
     }
   };
@@ -322,6 +365,8 @@ BundleResult solve_bundle(const RectifiedCamera& camera, BundleProblem& problem,
       const auto k = static_cast<std::size_t>(place[i]);
       if (problem.observations[i].u_right < 0.0F)
         mono[k].switch_off();
+      else if (estimate_bias)
+        stereo_biased[k].switch_off();
       else
         stereo[k].switch_off();
     }
@@ -331,6 +376,7 @@ BundleResult solve_bundle(const RectifiedCamera& camera, BundleProblem& problem,
   for (std::size_t i = 0; i < pose_count; ++i)
     if (pose_used[i] && !problem.fixed[i]) problem.T_camera_world[i] = to_motion(poses[i].data());
   problem.points = std::move(points);
+  problem.disparity_bias = bias;
   return result;
 }
 

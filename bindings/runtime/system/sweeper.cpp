@@ -16,6 +16,8 @@
 namespace sweepkit {
 namespace {
 
+// The rig's bias of disparities is told again when it has changed by so much [px].
+constexpr double kNewsOfDisparityBias = 0.05;
 constexpr TimeNs kNever = std::numeric_limits<TimeNs>::min();
 
 RectifiedCamera rectified_camera(const StereoRig& rig) {
@@ -173,9 +175,9 @@ class Sweeper::Impl {
     const std::scoped_lock lock(state_mutex_);
     return counts_;
   }
-  std::vector<TrackedImage> images() const {
+  std::vector<TrackedImage> images(std::size_t first) const {
     const std::scoped_lock lock(state_mutex_);
-    return {history_.begin(), history_.end()};
+    return {history_.begin() + static_cast<std::ptrdiff_t>(std::min(first, history_.size())), history_.end()};
   }
 
   const StereoRig& rig() const { return rig_; }
@@ -337,6 +339,11 @@ class Sweeper::Impl {
     if (!map) return;
     const SE3d T_map_body_before = tracker_.last_T_camera_world().inverse() * T_camera_body_;
     tracker_.set_local_map(map);
+    frontend_.set_disparity_bias(map->disparity_bias);
+    if (std::abs(map->disparity_bias - told_disparity_bias_) > kNewsOfDisparityBias) {
+      told_disparity_bias_ = map->disparity_bias;
+      tell(Event(map->newest_t, "calibrated").with("disparity_bias_px", map->disparity_bias));
+    }
     const SE3d T_map_body_after = tracker_.last_T_camera_world().inverse() * T_camera_body_;
     // The map was corrected under the robot: odom stays, and the correction goes between the two frames.
     T_odom_map_ = T_odom_map_ * T_map_body_before * T_map_body_after.inverse();
@@ -392,6 +399,7 @@ class Sweeper::Impl {
   SE3d T_odom_map_;
   TrackingState state_ = TrackingState::starting;
   TimeNs lost_since_ = 0;
+  double told_disparity_bias_ = 0;
   bool restarted_ = false;  // since it was lost vision has started again at the last pose
 
   LocalMapper mapper_;
@@ -429,7 +437,7 @@ void Sweeper::finish() { impl_->finish(); }
 const StereoRig& Sweeper::rig() const { return impl_->rig(); }
 const SweeperOptions& Sweeper::options() const { return impl_->options(); }
 SweeperCounts Sweeper::counts() const { return impl_->counts(); }
-std::vector<TrackedImage> Sweeper::images() const { return impl_->images(); }
+std::vector<TrackedImage> Sweeper::images(std::size_t first) const { return impl_->images(first); }
 SE3d Sweeper::optimized_pose(const TrackedImage& image) const { return impl_->optimized_pose(image); }
 const StageClock& Sweeper::stage_clock() const { return impl_->stage_clock(); }
 const Map& Sweeper::map() const { return impl_->map(); }

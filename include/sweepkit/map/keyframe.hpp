@@ -24,6 +24,12 @@ struct Measurement {
 
   bool stereo() const { return u_right >= 0; }
   float disparity() const { return u - u_right; }
+  /// Takes a bias off the disparity [px]; a match that would lie at infinity is none any more.
+  void shift_disparity(double bias) {
+    if (!stereo()) return;
+    u_right += static_cast<float>(bias);
+    if (!(disparity() > 0)) u_right = -1;
+  }
 };
 
 /// A keyframe that shares points with another, and how many.
@@ -32,8 +38,8 @@ struct Covisible {
   int points = 0;
 };
 
-/// A frame that the map remembers. Its measurements never change; `points[i]` is the map point seen at
-/// measurement i.
+/// A frame that the map remembers. Its measurements stay as they are (but see Map::shift_disparities);
+/// `points[i]` is the map point seen at measurement i.
 struct Keyframe {
   KeyframeId id;
   MapId map;

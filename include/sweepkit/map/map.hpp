@@ -51,12 +51,16 @@ class Map {
   /// The point that stands for this id after merges; none if it was removed.
   PointId resolve(PointId id) const;
 
-  /// World to camera of a keyframe; of a removed one through the keyframe that was its parent, as it stood to it then.
+  /// World to camera of a keyframe; of a removed one through the keyframe that was its parent, as it stood to
+  /// it then.
   SE3d T_camera_world(KeyframeId id) const;
   void set_pose(KeyframeId id, const SE3d& T_camera_world) { at(id).T_camera_world = T_camera_world; }
   void set_position(PointId id, const Vec3<double>& p_world) { at(id).p_world = p_world; }
   void set_appearance(PointId id, const OrbDescriptor& descriptor, const Vec3<float>& normal,
                       float min_distance, float max_distance);
+  /// The rig was found to measure all disparities too large by `bias` [px]: takes it off those of all
+  /// keyframes.
+  void shift_disparities(double bias);
   void count_prediction(PointId id, int predicted, int found);
 
   /// The keyframe or point, or null if there is none of this id (any more). Valid until it is removed.

@@ -2,6 +2,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
+#include <cmath>
 #include <vector>
 
 #include "sweepkit/core/options.hpp"
@@ -18,6 +19,8 @@ struct FrontendOptions {
   OrbOptions orb;
   StereoOptions stereo;
   double keypoint_sigma = 0.7;
+  double disparity_sigma_factor = 2;
+  double disparity_sigma_floor = 0.05;
 
   template <class Visitor>
   void visit_options(Visitor& v) {
@@ -25,6 +28,10 @@ struct FrontendOptions {
     v.group(stereo, "stereo", "stereo matching");
     v(keypoint_sigma, "keypoint_sigma", "px", range(0.01, 10),
       "standard deviation of a key point's position, on the level of its octave");
+    v(disparity_sigma_factor, "disparity_sigma_factor", "", range(0.1, 100),
+      "by how much disparities are less certain than their refinement says");
+    v(disparity_sigma_floor, "disparity_sigma_floor", "px", range(0, 10),
+      "standard deviation added to that of a disparity, on the level of its octave");
   }
 };
 
@@ -48,6 +55,9 @@ class Frontend {
     collect(frame);
   }
 
+  /// What to take off the disparities of the frames to come [px].
+  void set_disparity_bias(double bias) { disparity_bias_ = bias; }
+
   /// The pyramid of the last left image.
   const ImagePyramid& left_pyramid() const { return left_pyramid_; }
 
@@ -55,6 +65,13 @@ class Frontend {
   void extract(GrayView image, ImagePyramid& pyramid, Features<256>& features) {
     pyramid.build(image, options_.orb.levels, options_.orb.scale_factor);
     extractor_.extract(pyramid, features);
+  }
+
+  // The refinement knows the noise of pixels only, not that patches are seldom flat and never quite alike.
+  // Measured against true depth of simulated recordings, errors are twice as large, and grow with the octave.
+  float disparity_sigma(const StereoMatch& match, int octave) const {
+    return static_cast<float>(std::hypot(options_.disparity_sigma_factor * match.sigma,
+                                         options_.disparity_sigma_floor * left_pyramid_.scale(octave)));
   }
 
   void collect(StereoFrame& frame) {
@@ -69,11 +86,13 @@ class Frontend {
            .v = match.v_left,
            .u_right = match.found() ? match.u_right : -1,
            .sigma = static_cast<float>(options_.keypoint_sigma) * left_pyramid_.scale(keypoint.octave),
-           .sigma_right = match.found() ? match.sigma : 1,
+           .sigma_right = match.found() ? disparity_sigma(match, keypoint.octave) : 1,
            .angle = keypoint.angle,
            .octave = keypoint.octave});
+      frame.measurements.back().shift_disparity(disparity_bias_);
       frame.descriptors.push_back(left_features_.descriptors[i]);
     }
+    frame.disparity_bias = disparity_bias_;
     frame.grid.build(frame.measurements);
   }
 
@@ -83,6 +102,7 @@ class Frontend {
   ImagePyramid left_pyramid_, right_pyramid_;
   Features<256> left_features_, right_features_;
   std::vector<StereoMatch> matches_;
+  double disparity_bias_ = 0;
 };
 
 }  // namespace sweepkit

@@ -31,6 +31,7 @@ struct LocalMap {
   KeyframeId newest;                                   ///< keyframe it was made for
   TimeNs newest_t = 0;                                 ///< its stamp
   std::vector<PointId> newest_points;                  ///< its points, by measurement
+  double disparity_bias = 0;                           ///< of the rig, as known now [px]
   int reference_points = 0;                            ///< how many of them others see too
   std::vector<std::pair<KeyframeId, SE3d>> keyframes;  ///< T_camera_world of those around, sorted by id
   std::vector<LocalPoint> points;                      ///< sorted by id

@@ -31,6 +31,7 @@ struct LocalMapperOptions {
   double cull_found_ratio = 0.25;
   double cull_redundancy = 0.9;
   int cull_observations = 3;
+  double disparity_bias_sigma = 0.1;
   BundleOptions bundle;
 
   template <class Visitor>
@@ -57,6 +58,10 @@ struct LocalMapperOptions {
       "a keyframe goes when others see this share of its points as well");
     v(cull_observations, "cull_observations", "", range(1, 20),
       "by how many others each of these points has to be seen");
+    v(disparity_bias_sigma, "disparity_bias_sigma", "px", range(0, 10),
+      "how far the rig's common error of all disparities may lie from what was known a keyframe before; 0: "
+      "it is not "
+      "estimated");
     v.group(bundle, "bundle", "local bundle adjustment");
   }
 };
@@ -89,6 +94,9 @@ class LocalMapper {
                                           const std::atomic<bool>* stop = nullptr);
 
   const Map& map() const { return map_; }
+  /// By how much the rig measures all disparities too large, estimated with the map; it is taken off them
+  /// [px].
+  double disparity_bias() const { return disparity_bias_; }
 
  private:
   KeyframeId insert(KeyframeCandidate&& candidate);
@@ -109,6 +117,7 @@ class LocalMapper {
   LocalMapperOptions options_;
   Map map_;
   MapId current_;
+  double disparity_bias_ = 0;
   std::vector<PointId> recent_points_;
   ProjectionMatcher matcher_;
   KeypointGrid grid_;

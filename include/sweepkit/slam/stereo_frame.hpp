@@ -15,6 +15,7 @@ struct StereoFrame {
   TimeNs t = 0;
   std::vector<Measurement> measurements;
   std::vector<OrbDescriptor> descriptors;
+  double disparity_bias = 0;                       ///< that was taken off all disparities [px]
   KeypointGrid grid;                               ///< over the measurements
   std::vector<PointId> points;                     ///< the map point seen at each measurement, or none
   SE3d T_camera_world;                             ///< world to the rectified left camera

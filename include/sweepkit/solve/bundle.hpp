@@ -37,6 +37,11 @@ struct BundleProblem {
   std::vector<Vec3<double>> points;  ///< in world [m]
   std::vector<BundleObservation> observations;
   std::vector<RelativePose> relative_poses;
+  /// What all disparities are too large by, because a rig is never quite as calibrated: a yaw of one camera
+  /// against the other shifts them all alike. Only motion past near and far points tells it from depth [px].
+  double disparity_bias = 0.0;
+  /// How far from the value given it may lie, as a standard deviation; 0: it is known and stays [px].
+  double disparity_bias_sigma = 0.0;
 };
 
 struct BundleOptions {
