@@ -16,6 +16,7 @@
 
 #include "sweepkit/core/random.hpp"
 #include "sweepkit/feature/orb.hpp"
+#include "sweepkit/match/align.hpp"
 #include "sweepkit/match/brute_force.hpp"
 #include "sweepkit/match/projection.hpp"
 #include "sweepkit/match/stereo.hpp"
@@ -218,5 +219,23 @@ void projection(benchmark::State& state) {
   state.counters["matches"] = found;
 }
 BENCHMARK(projection)->Name("match/projection/sweepkit/1000");
+
+void align(benchmark::State& state) {
+  if (!Scene::get()) return state.SkipWithError("opencv-doc is not installed");
+  const Scene& s = *Scene::get();
+  const PatchAligner aligner;
+  const GrayView image = s.pyramid[0].level(0);
+  Eigen::Matrix2f A;
+  A << 1.02f, 0.01f, -0.02f, 0.99f;
+  int found = 0;
+  for (auto _ : state) {
+    found = 0;
+    for (const KeyPoint& k : s.features[0].keypoints)
+      found += aligner.align(image, {k.x, k.y}, A, image, {k.x + 0.6f, k.y - 0.4f}).has_value();
+  }
+  state.counters["found"] = found;
+}
+// An image against itself, 1000 points, each from 0.7 px away.
+BENCHMARK(align)->Name("match/align/sweepkit/1000");
 
 }  // namespace

@@ -49,8 +49,7 @@ SWEEPKIT_TARGET_AVX2 int slots_inside_avx2(const float* u, const float* v, const
   const __m256 v0 = _mm256_set1_ps(w.v), reach = _mm256_set1_ps(w.reach), sign = _mm256_set1_ps(-0.0f);
   const __m256i below = _mm256_set1_epi32(w.min_octave - 1), above = _mm256_set1_epi32(w.max_octave + 1);
   int count = 0;
-  std::int32_t k = first;
-  for (; k + 8 <= last; k += 8) {
+  for (std::int32_t k = first; k < last; k += 8) {
     const __m256 uk = _mm256_loadu_ps(u + k);
     const __m256 dv = _mm256_andnot_ps(sign, _mm256_sub_ps(_mm256_loadu_ps(v + k), v0));
     const __m256i ok = _mm256_loadu_si256(reinterpret_cast<const __m256i*>(octave + k));
@@ -59,9 +58,10 @@ SWEEPKIT_TARGET_AVX2 int slots_inside_avx2(const float* u, const float* v, const
         _mm256_cmp_ps(dv, reach, _CMP_LE_OQ));
     const __m256i oct = _mm256_and_si256(_mm256_cmpgt_epi32(ok, below), _mm256_cmpgt_epi32(above, ok));
     auto bits = static_cast<unsigned>(_mm256_movemask_ps(_mm256_and_ps(in, _mm256_castsi256_ps(oct))));
+    if (last - k < 8) bits &= (1u << (last - k)) - 1;
     for (; bits; bits &= bits - 1) inside[count++] = k + std::countr_zero(bits);
   }
-  return count + slots_inside_portable(u, v, octave, k, last, w, inside + count);
+  return count;
 }
 
 SWEEPKIT_TARGET_AVX2 void distances_avx2(const OrbDescriptor& a, const OrbDescriptor* b,

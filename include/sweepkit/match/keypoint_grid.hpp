@@ -77,9 +77,9 @@ class KeypointGrid {
       ++start_[cell_of_[k] + 1];
     }
     for (std::size_t c = 1; c < start_.size(); ++c) start_[c] += start_[c - 1];
-    u_.resize(n);
-    v_.resize(n);
-    octave_.resize(n);
+    u_.resize(n + kPadding);
+    v_.resize(n + kPadding);
+    octave_.resize(n + kPadding);
     index_.resize(n);
     next_.assign(start_.begin(), start_.end() - 1);
     for (std::size_t k = 0; k < n; ++k) {
@@ -96,10 +96,11 @@ class KeypointGrid {
   bool empty() const { return index_.empty(); }
   const GridCell& cell() const { return cell_; }
 
-  /// Points in the order of the cells: position, octave and index in the range given to build.
-  std::span<const float> u() const { return u_; }
-  std::span<const float> v() const { return v_; }
-  std::span<const std::int32_t> octave() const { return octave_; }
+  /// Points in the order of the cells: position, octave and index in the range given to build. Behind the
+  /// last position and octave eight more values can be read, so that vector loads need not stop short.
+  std::span<const float> u() const { return {u_.data(), index_.size()}; }
+  std::span<const float> v() const { return {v_.data(), index_.size()}; }
+  std::span<const std::int32_t> octave() const { return {octave_.data(), index_.size()}; }
   std::span<const std::int32_t> index() const { return index_; }
 
   /// Calls visit(first, last) for ranges of slots that together hold every point with u_low <= u <= u_high
@@ -129,6 +130,7 @@ class KeypointGrid {
   }
 
  private:
+  static constexpr std::size_t kPadding = 8;
   // Absurd positions must not ask for absurd memory: what lies beyond is kept in the last cell.
   static constexpr int kMaxCells = 1023;
 
