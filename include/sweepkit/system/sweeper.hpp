@@ -2,6 +2,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
+#include <cstddef>
 #include <cstdint>
 #include <memory>
 #include <optional>
@@ -121,8 +122,8 @@ class Sweeper {
   const StereoRig& rig() const;
   const SweeperOptions& options() const;
   SweeperCounts counts() const;
-  /// Every image processed so far.
-  std::vector<TrackedImage> images() const;
+  /// Every image processed so far, from number `first` on.
+  std::vector<TrackedImage> images(std::size_t first = 0) const;
   /// T_map_body of the image now, after all corrections of the map.
   SE3d optimized_pose(const TrackedImage& image) const;
   /// Times of the stages so far; thread-safe.
