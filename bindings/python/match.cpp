@@ -9,6 +9,7 @@
 #include "options.hpp"
 #include "register.hpp"
 #include "sweepkit/match/brute_force.hpp"
+#include "sweepkit/match/projection.hpp"
 #include "sweepkit/match/stereo.hpp"
 
 namespace sweepkit::python {
@@ -42,6 +43,7 @@ void register_match(py::module_& m) {
       py::arg("a"), py::arg("b"), py::arg("options") = BruteForceOptions{},
       "For each of a the nearest in b: an array of match_dtype, index -1 where there is none.");
 
+  bind_options<ProjectionOptions>(m, "ProjectionOptions", "Matching near predicted places.");
   bind_options<StereoSearchOptions>(m, "StereoSearchOptions", "Which key points are paired.");
   bind_options<PatchRefinement::Options>(m, "PatchRefinementOptions", "Disparity to a part of a pixel.");
   bind_options<MedianFilter::Options>(m, "MedianFilterOptions", "Removal of outliers.");

@@ -21,6 +21,9 @@ PYBIND11_MODULE(_core, m) {
   add("image", python::register_image, "Images in several sizes.");
   add("feature", python::register_feature, "Key points with binary descriptors.");
   add("match", python::register_match, "Stereo matching and matching by descriptor.");
+  add("solve", python::register_solve, "Options of the solvers.");
+  add("slam", python::register_slam, "Options of tracking and mapping.");
   add("data", python::register_data, "Recordings, trajectories and their evaluation.");
+  add("system", python::register_system, "The whole system, on a recording or fed live.");
   m.attr("folders") = pybind11::tuple(folders);
 }

@@ -12,6 +12,9 @@ void register_geometry(pybind11::module_& m);
 void register_image(pybind11::module_& m);
 void register_feature(pybind11::module_& m);
 void register_match(pybind11::module_& m);
+void register_solve(pybind11::module_& m);
+void register_slam(pybind11::module_& m);
 void register_data(pybind11::module_& m);
+void register_system(pybind11::module_& m);
 
 }  // namespace sweepkit::python

@@ -18,5 +18,6 @@ for _name in _core.folders:
     _sys.modules[f"{__name__}.{_name}"] = globals()[_name] = getattr(_core, _name)
 
 from .core import Error  # noqa: E402
+from .running import run  # noqa: E402
 
 __version__ = _core.core.version()

@@ -1,0 +1,196 @@
+// SPDX-FileCopyrightText: The sweepkit authors
+// SPDX-License-Identifier: Apache-2.0
+#include <pybind11/eigen.h>
+#include <pybind11/stl.h>
+#include <pybind11/stl/filesystem.h>
+
+#include <memory>
+#include <mutex>
+#include <optional>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "arrays.hpp"
+#include "options.hpp"
+#include "register.hpp"
+#include "sweepkit/system/run.hpp"
+#include "sweepkit/system/sweeper.hpp"
+
+namespace sweepkit::python {
+
+namespace {
+
+// Keeps events until Python asks for them: threads of the system never wait for the interpreter.
+class EventQueue : public EventSink {
+ public:
+  void on_event(const Event& event) override {
+    const std::scoped_lock lock(mutex_);
+    events_.push_back(event);
+  }
+  std::vector<Event> take() {
+    const std::scoped_lock lock(mutex_);
+    return std::exchange(events_, {});
+  }
+
+ private:
+  std::mutex mutex_;
+  std::vector<Event> events_;
+};
+
+py::dict event_dict(const Event& event) {
+  py::dict d;
+  d["t"] = event.t;
+  d["event"] = event.name;
+  for (const auto& [key, value] : event.fields)
+    d[py::str(key)] = std::visit([](const auto& v) -> py::object { return py::cast(v); }, value);
+  return d;
+}
+
+// A Sweeper and the events that wait.
+struct SweeperWithEvents {
+  EventQueue events;
+  Sweeper sweeper;
+
+  SweeperWithEvents(const StereoRig& rig, const SweeperOptions& options) : sweeper(rig, options, &events) {}
+};
+
+// Its threads may be letting go of arrays, for which they need the interpreter, while it waits for them to
+// end.
+struct DeleteReleased {
+  void operator()(SweeperWithEvents* p) const {
+    const py::gil_scoped_release release;
+    delete p;
+  }
+};
+
+using Released = py::call_guard<py::gil_scoped_release>;
+
+void register_sweeper(py::module_& m) {
+  py::enum_<Frame>(m, "Frame", "Which frame a pose is asked in.")
+      .value("odom", Frame::odom)
+      .value("map", Frame::map);
+  py::enum_<PoseBasis>(m, "PoseBasis", "What a pose rests on.")
+      .value("vision", PoseBasis::vision)
+      .value("odometry", PoseBasis::odometry)
+      .value("guess", PoseBasis::guess);
+  py::class_<BodyPose>(m, "BodyPose", "Where the body is at an instant.")
+      .def_readonly("t", &BodyPose::t, "[ns]")
+      .def_readonly("T_frame_body", &BodyPose::T_frame_body)
+      .def_property_readonly(
+          "covariance", [](const BodyPose& p) { return p.covariance; },
+          "Of (rho, phi) in the body's axes, (6, 6) [m^2, rad^2].")
+      .def_readonly("basis", &BodyPose::basis);
+  py::class_<TrackedImage>(m, "TrackedImage", "An image and what became of it.")
+      .def_readonly("t", &TrackedImage::t, "[ns]")
+      .def_readonly("T_map_body", &TrackedImage::T_map_body, "As known at that moment.")
+      .def_readonly("T_odom_body", &TrackedImage::T_odom_body)
+      .def_property_readonly("covariance", [](const TrackedImage& i) { return i.covariance; })
+      .def_readonly("basis", &TrackedImage::basis)
+      .def_readonly("points", &TrackedImage::points, "Map points tracked.");
+  py::class_<SweeperCounts>(m, "SweeperCounts", "Counted over a run.")
+      .def_readonly("images", &SweeperCounts::images)
+      .def_readonly("images_lost", &SweeperCounts::images_lost)
+      .def_readonly("images_dropped", &SweeperCounts::images_dropped)
+      .def_readonly("images_missing", &SweeperCounts::images_missing)
+      .def_readonly("samples_dropped", &SweeperCounts::samples_dropped)
+      .def_readonly("imu_samples", &SweeperCounts::imu_samples)
+      .def_readonly("wheel_samples", &SweeperCounts::wheel_samples)
+      .def_readonly("keyframes_made", &SweeperCounts::keyframes_made);
+
+  bind_options<SweeperOptions>(m, "SweeperOptions", "What the whole system may be told.");
+  py::class_<SweeperWithEvents>(m, "Sweeper",
+                                "The whole system. Feed it from any threads, one for each kind of sample; "
+                                "ask for poses from any other.")
+      .def(py::init<const StereoRig&, const SweeperOptions&>(), py::arg("rig"),
+           py::arg("options") = SweeperOptions{})
+      .def(
+          "feed", [](SweeperWithEvents& s, const ImuSample& sample) { s.sweeper.feed(sample); },
+          py::arg("sample"), Released())
+      .def(
+          "feed", [](SweeperWithEvents& s, const WheelSample& sample) { s.sweeper.feed(sample); },
+          py::arg("sample"), Released())
+      .def(
+          "feed", [](SweeperWithEvents& s, const StereoImage& sample) { s.sweeper.feed(sample); },
+          py::arg("sample"), Released(),
+          "Never raises: what cannot be used is counted, told as an event and dropped.")
+      .def(
+          "pose_at",
+          [](const SweeperWithEvents& s, TimeNs t, Frame frame) { return s.sweeper.pose_at(t, frame); },
+          py::arg("t"), py::arg("frame") = Frame::odom, Released(),
+          "The pose at a time [ns] from the first image to the newest sample; None outside.")
+      .def(
+          "finish", [](SweeperWithEvents& s) { s.sweeper.finish(); }, Released(),
+          "Processes what is queued and stops all threads.")
+      .def(
+          "take_events",
+          [](SweeperWithEvents& s) {
+            py::list events;
+            for (const Event& event : s.events.take()) events.append(event_dict(event));
+            return events;
+          },
+          "What happened since the last call: dicts with t [ns], event, and the event's own fields.")
+      .def(
+          "counts", [](const SweeperWithEvents& s) { return s.sweeper.counts(); }, Released())
+      .def(
+          "images", [](const SweeperWithEvents& s, std::size_t first) { return s.sweeper.images(first); },
+          py::arg("first") = 0, "Every image processed so far, from number first on.")
+      .def(
+          "optimized_pose",
+          [](const SweeperWithEvents& s, const TrackedImage& image) {
+            return s.sweeper.optimized_pose(image);
+          },
+          py::arg("image"), "T_map_body of the image after all corrections.");
+}
+
+// Ctrl-C in Python ends the run as in the program: what was done so far is written, then it is raised.
+RunResult run_interruptibly(const RunOptions& options, const py::object& progress) {
+  bool interrupted = false;
+  std::optional<py::error_already_set> raised;
+  const auto guarded = [&](const auto& body) {
+    const py::gil_scoped_acquire acquire;
+    try {
+      body();
+      if (PyErr_CheckSignals() != 0) throw py::error_already_set();
+    } catch (py::error_already_set& error) {
+      if (!raised) raised.emplace(std::move(error));
+      interrupted = true;
+    }
+  };
+  RunHooks hooks;
+  hooks.stop = [&] {
+    if (!interrupted) guarded([] {});
+    return interrupted;
+  };
+  if (!progress.is_none())
+    hooks.progress = [&](const RunProgress& p) {
+      if (!interrupted) guarded([&] { progress(p.images, p.total, p.lost); });
+    };
+  RunResult result;
+  {
+    const py::gil_scoped_release release;
+    result = run_recording(options, hooks);
+  }
+  if (raised) throw std::move(*raised);
+  return result;
+}
+
+}  // namespace
+
+void register_system(py::module_& m) {
+  register_sweeper(m);
+  bind_options<RunOptions>(m, "RunOptions", "The whole system on a recording.");
+  py::class_<RunResult>(m, "RunResult", "How a run went.")
+      .def_readonly("initialised", &RunResult::initialised, "There was a map at some time.")
+      .def_readonly("stopped", &RunResult::stopped)
+      .def_readonly("counts", &RunResult::counts)
+      .def_readonly("keyframes", &RunResult::keyframes)
+      .def_readonly("points", &RunResult::points)
+      .def_readonly("path_m", &RunResult::path_m)
+      .def_readonly("seconds", &RunResult::seconds);
+  m.def("run_recording", &run_interruptibly, py::arg("options"), py::arg("progress") = py::none(),
+        "Runs a recording and writes all results; progress(images, total, lost) is called after each image. "
+        "Ctrl-C and exceptions of progress end it, results so far written.");
+}
+
+}  // namespace sweepkit::python
