@@ -3,8 +3,11 @@
 #include "sweepkit/slam/local_mapper.hpp"
 
 #include <algorithm>
+#include <cmath>
 #include <numbers>
 #include <utility>
+
+#include "sweepkit/geometry/triangulation.hpp"
 
 namespace sweepkit {
 namespace {
@@ -37,7 +40,8 @@ LocalMapper::LocalMapper(const RectifiedCamera& camera, const StereoRig::Bounds&
       view_(view),
       levels_(levels),
       options_(options),
-      matcher_({.max_distance = options.fuse_distance, .ratio = 1}) {}
+      matcher_({.max_distance = options.fuse_distance, .ratio = 1}),
+      triangulation_matcher_(options.triangulation) {}
 
 std::shared_ptr<const LocalMap> LocalMapper::process(KeyframeCandidate&& candidate,
                                                      const std::atomic<bool>* stop) {
@@ -48,6 +52,7 @@ std::shared_ptr<const LocalMap> LocalMapper::process(KeyframeCandidate&& candida
   const KeyframeId id = insert(std::move(candidate));
   cull_points(id);
   add_stereo_points(id);
+  triangulate(id);
   fuse(id);
   adjust(id, stop);
   cull_keyframes(id);
@@ -111,6 +116,57 @@ void LocalMapper::add_stereo_points(KeyframeId id) {
   }
 }
 
+bool LocalMapper::agrees(const Measurement& m, const Vec3<double>& p_camera) const {
+  const auto uvr = camera_.project_stereo(p_camera);
+  if (!uvr) return false;
+  double chi2 = (std::pow(uvr->x() - m.u, 2) + std::pow(uvr->y() - m.v, 2)) / (m.sigma * m.sigma);
+  if (m.stereo()) chi2 += std::pow((uvr->x() - uvr->z() - m.disparity()) / m.sigma_right, 2);
+  return chi2 <= (m.stereo() ? kChi2Stereo : kChi2Mono);
+}
+
+void LocalMapper::triangulate(KeyframeId id) {
+  struct Free {
+    std::vector<std::uint32_t> indices;
+    std::vector<OrbDescriptor> descriptors;
+  };
+  const auto free_of = [](const Keyframe& keyframe) {
+    Free free;
+    for (std::uint32_t i = 0; i < keyframe.points.size(); ++i) {
+      if (keyframe.points[i].valid()) continue;
+      free.indices.push_back(i);
+      free.descriptors.push_back(keyframe.descriptors[i]);
+    }
+    return free;
+  };
+  const auto bearing = [&](const Measurement& m) {
+    return Vec3<double>((m.u - camera_.cx) / camera_.focal, (m.v - camera_.cy) / camera_.focal, 1)
+        .normalized()
+        .eval();
+  };
+  const Keyframe& a = map_.keyframe(id);
+  for (const Covisible& neighbour :
+       map_.best_covisible(id, static_cast<std::size_t>(options_.triangulate_keyframes))) {
+    const Keyframe& b = map_.keyframe(neighbour.keyframe);
+    const SE3d T_a_b = a.T_camera_world * b.T_camera_world.inverse();
+    const Free free_a = free_of(a), free_b = free_of(b);
+    triangulation_matcher_.match(free_a.descriptors, free_b.descriptors, matches_);
+    for (std::size_t k = 0; k < matches_.size(); ++k) {
+      if (!matches_[k].found()) continue;
+      const std::uint32_t i = free_a.indices[k],
+                          j = free_b.indices[static_cast<std::size_t>(matches_[k].index)];
+      const Measurement &m_a = a.measurements[i], &m_b = b.measurements[j];
+      const double sigma = std::max(m_a.sigma, m_b.sigma) / camera_.focal;
+      const auto found = triangulate_inverse_depth(T_a_b, bearing(m_a), bearing(m_b), sigma);
+      if (!found || !found->in_front || found->parallax < options_.min_parallax * kDegree) continue;
+      if (!agrees(m_a, found->point) || !agrees(m_b, T_a_b.inverse() * found->point)) continue;
+      const PointId added = map_.add_point(a.T_camera_world.inverse() * found->point, id, i);
+      map_.add_observation(added, neighbour.keyframe, j);
+      refresh_appearance(added);
+      recent_points_.push_back(added);
+    }
+  }
+}
+
 void LocalMapper::fuse(KeyframeId id) {
   const auto neighbours = map_.best_covisible(id, static_cast<std::size_t>(options_.fuse_keyframes));
   // Own points into the neighbours, then theirs into the new keyframe.
@@ -164,11 +220,8 @@ void LocalMapper::fuse_into(KeyframeId target, const std::vector<PointId>& point
   for (std::size_t k = 0; k < asked.size(); ++k) {
     if (!matches_[k].found()) continue;
     const auto index = static_cast<std::uint32_t>(matches_[k].index);
-    const Measurement& m = keyframe.measurements[index];
-    const ProjectionQuery& q = queries[k];
-    double chi2 = (std::pow(q.u - m.u, 2) + std::pow(q.v - m.v, 2)) / (m.sigma * m.sigma);
-    if (m.stereo()) chi2 += std::pow((q.u - q.u_right - m.disparity()) / m.sigma_right, 2);
-    if (chi2 > (m.stereo() ? kChi2Stereo : kChi2Mono)) continue;
+    if (!agrees(keyframe.measurements[index], keyframe.T_camera_world * map_.point(asked[k]).p_world))
+      continue;
     const PointId other = keyframe.points[index];
     if (!other.valid()) {
       map_.add_observation(asked[k], target, index);

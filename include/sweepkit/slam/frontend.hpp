@@ -18,7 +18,7 @@ namespace sweepkit {
 struct FrontendOptions {
   OrbOptions orb;
   StereoOptions stereo;
-  double keypoint_sigma = 0.7;
+  double keypoint_sigma = 0.3;
   double disparity_sigma_factor = 2;
   double disparity_sigma_floor = 0.05;
 

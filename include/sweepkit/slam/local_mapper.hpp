@@ -10,6 +10,7 @@
 #include "sweepkit/geometry/rectified_camera.hpp"
 #include "sweepkit/geometry/stereo_rig.hpp"
 #include "sweepkit/map/map.hpp"
+#include "sweepkit/match/brute_force.hpp"
 #include "sweepkit/slam/local_map.hpp"
 #include "sweepkit/slam/scale_levels.hpp"
 #include "sweepkit/slam/stereo_frame.hpp"
@@ -20,6 +21,8 @@ namespace sweepkit {
 /// What local mapping may be told.
 struct LocalMapperOptions {
   double max_depth_uncertainty = 0.2;
+  int triangulate_keyframes = 5;
+  double min_parallax = 1;
   int fuse_keyframes = 12;
   double fuse_radius = 3;
   int fuse_distance = 50;
@@ -32,12 +35,17 @@ struct LocalMapperOptions {
   double cull_redundancy = 0.9;
   int cull_observations = 3;
   double disparity_bias_sigma = 0.1;
+  BruteForceOptions triangulation = {.max_distance = 50, .ratio = 0.85};
   BundleOptions bundle;
 
   template <class Visitor>
   void visit_options(Visitor& v) {
     v(max_depth_uncertainty, "max_depth_uncertainty", "", range(0.001, 1),
       "largest share of its depth by which a stereo point may be uncertain to enter the map");
+    v(triangulate_keyframes, "triangulate_keyframes", "", range(0, 100),
+      "neighbours with which points are triangulated that stereo gave no certain depth");
+    v(min_parallax, "min_parallax", "deg", range(0.01, 90),
+      "least angle between the two rays of such a point");
     v(fuse_keyframes, "fuse_keyframes", "", range(0, 100),
       "neighbours whose points are compared with a new keyframe's");
     v(fuse_radius, "fuse_radius", "px", range(0.5, 50),
@@ -62,6 +70,7 @@ struct LocalMapperOptions {
       "how far the rig's common error of all disparities may lie from what was known a keyframe before; 0: "
       "it is not "
       "estimated");
+    v.group(triangulation, "triangulation", "which measurements of two keyframes are tried");
     v.group(bundle, "bundle", "local bundle adjustment");
   }
 };
@@ -101,7 +110,9 @@ class LocalMapper {
  private:
   KeyframeId insert(KeyframeCandidate&& candidate);
   void add_stereo_points(KeyframeId id);
+  void triangulate(KeyframeId id);
   void fuse(KeyframeId id);
+  bool agrees(const Measurement& measurement, const Vec3<double>& p_camera) const;
   void fuse_into(KeyframeId target, const std::vector<PointId>& points);
   void cull_points(KeyframeId newest);
   void adjust(KeyframeId id, const std::atomic<bool>* stop);
@@ -120,6 +131,7 @@ class LocalMapper {
   double disparity_bias_ = 0;
   std::vector<PointId> recent_points_;
   ProjectionMatcher matcher_;
+  BruteForceMatcher triangulation_matcher_;
   KeypointGrid grid_;
   std::vector<Match> matches_;
 };
