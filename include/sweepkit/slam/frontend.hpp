@@ -19,8 +19,8 @@ struct FrontendOptions {
   OrbOptions orb;
   StereoOptions stereo;
   double keypoint_sigma = 0.3;
-  double disparity_sigma_factor = 2;
-  double disparity_sigma_floor = 0.05;
+  double disparity_sigma_factor = 1.2;
+  double disparity_sigma_floor = 0.06;
 
   template <class Visitor>
   void visit_options(Visitor& v) {
@@ -68,7 +68,7 @@ class Frontend {
   }
 
   // The refinement knows the noise of pixels only, not that patches are seldom flat and never quite alike.
-  // Measured against true depth of simulated recordings, errors are twice as large, and grow with the octave.
+  // Measured against true depth of simulated recordings, errors are somewhat larger, and grow with the octave.
   float disparity_sigma(const StereoMatch& match, int octave) const {
     return static_cast<float>(std::hypot(options_.disparity_sigma_factor * match.sigma,
                                          options_.disparity_sigma_floor * left_pyramid_.scale(octave)));
