@@ -32,6 +32,20 @@ PositionBox inner_box(const std::vector<Vec3<double>>& points) {
   return box;
 }
 
+// The two coordinates that lie flat, right and forward as seen from above: the first turned towards the
+// second goes counter-clockwise about the upward direction, which is the coordinate axis nearest to what the
+// cameras take for it.
+std::array<int, 2> axes_from_above(const SE3d& T_body_camera, std::span<const StampedPose> path) {
+  Vec3<double> up = Vec3<double>::Zero();
+  const Vec3<double> up_body = T_body_camera.rotation() * Vec3<double>(0, -1, 0);
+  for (const StampedPose& pose : path) up += pose.T_world_body.rotation() * up_body;
+  int axis = 2;
+  if (!path.empty()) up.cwiseAbs().maxCoeff(&axis);
+  std::array<int, 2> axes{(axis + 1) % 3, (axis + 2) % 3};
+  if (up[axis] < 0) std::swap(axes[0], axes[1]);
+  return axes;
+}
+
 }  // namespace
 
 std::string map_svg(const Map& map, const SE3d& T_body_camera, std::span<const StampedPose> path) {
@@ -42,7 +56,7 @@ std::string map_svg(const Map& map, const SE3d& T_body_camera, std::span<const S
   PositionBox path_box;
   for (const StampedPose& pose : path) path_box.add(pose.T_world_body.translation());
   if (path.empty()) path_box.add(Vec3<double>::Zero());
-  const auto axes = drawn_axes(path_box);
+  const auto axes = axes_from_above(T_body_camera, path);
   const auto [a, b] = axes;
   PositionBox box = inner_box(points);
   box.add(path_box.low);

@@ -63,8 +63,8 @@ std::string keyframes_tum(const Map& map, const SE3d& T_body_camera);
 /// that observe each point.
 std::string map_ply(const Map& map);
 
-/// A drawing of points, path and keyframes from above (the two axes along which the path extends farthest
-/// if it does not lie flat).
+/// A drawing of points, path and keyframes from above: along the axis of the map that is nearest to the
+/// cameras' upward direction.
 std::string map_svg(const Map& map, const SE3d& T_body_camera, std::span<const StampedPose> path);
 
 /// The content of summary.json.
