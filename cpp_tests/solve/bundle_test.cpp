@@ -378,3 +378,44 @@ TEST_CASE("bundle options are declared", "[solve]") {
   REQUIRE(list_options(options).find("function_tolerance"));
   REQUIRE_NOTHROW(check_options(options));
 }
+
+TEST_CASE("a common error of all disparities is told apart from depth by motion", "[solve]") {
+  Random random(71);
+  for (const double bias : {-0.3, 0.2}) {
+    const BundleProblem truth = make_truth(random, 8, 400, 0.1);
+    BundleProblem problem = disturb(truth, random, 0.01, 0.02);
+    for (BundleObservation& o : problem.observations)
+      if (o.u_right > 0.0F) o.u_right -= static_cast<float>(bias);
+    BundleProblem trusting = problem;
+    problem.disparity_bias_sigma = 1.0;
+    BundleOptions options;
+    options.robust_iterations = options.iterations = 30;
+    options.function_tolerance = 1e-12;
+    REQUIRE(solve_bundle(kCamera, problem, options).usable);
+    REQUIRE(solve_bundle(kCamera, trusting, options).usable);
+    CHECK(problem.disparity_bias == Approx(bias).margin(0.03));
+    CHECK(trusting.disparity_bias == 0.0);
+    CHECK(worst_pose(problem, truth) < 0.3 * worst_pose(trusting, truth));
+
+    // A bias that is known already counts as if it had been taken off.
+    BundleProblem known = trusting;
+    known.disparity_bias = bias;
+    REQUIRE(solve_bundle(kCamera, known, options).usable);
+    CHECK(known.disparity_bias == bias);
+    CHECK(worst_pose(known, truth) < 0.3 * worst_pose(trusting, truth));
+  }
+}
+
+TEST_CASE("without motion a bias of disparities stays what it was thought to be", "[solve]") {
+  Random random(72);
+  BundleProblem truth = make_truth(random, 2, 200, 0.1);
+  truth.T_camera_world[1] = truth.T_camera_world[0];
+  std::erase_if(truth.observations, [](const BundleObservation& o) { return o.pose == 1; });
+  BundleProblem problem = truth;
+  for (BundleObservation& o : problem.observations)
+    if (o.u_right > 0.0F) o.u_right -= 0.2F;
+  problem.disparity_bias = 0.05;
+  problem.disparity_bias_sigma = 0.1;
+  REQUIRE(solve_bundle(kCamera, problem, {}).usable);
+  CHECK(problem.disparity_bias == Approx(0.05).margin(1e-3));
+}
