@@ -6,6 +6,7 @@
 #include <limits>
 #include <optional>
 #include <string>
+#include <variant>
 #include <vector>
 
 #include "arrays.hpp"
@@ -183,12 +184,16 @@ void register_cameras(py::module_& m) {
   py::enum_<Distortion>(m, "Distortion", "How a lens bends the image plane.")
       .value("none", Distortion::none)
       .value("radial_tangential", Distortion::radial_tangential)
-      .value("equidistant", Distortion::equidistant)
-      .def(py::init(&distortion_named), py::arg("name"));
-  py::implicitly_convertible<py::str, Distortion>();
+      .value("equidistant", Distortion::equidistant);
 
   py::class_<Camera>(m, "Camera", "A pinhole with its distortion and the size of its image.")
-      .def(py::init<const std::vector<double>&, Distortion, const std::vector<double>&, int, int>(),
+      .def(py::init([](const std::vector<double>& intrinsics,
+                       const std::variant<Distortion, std::string>& distortion,
+                       const std::vector<double>& coefficients, int width, int height) {
+             const auto* name = std::get_if<std::string>(&distortion);
+             return Camera(intrinsics, name ? distortion_named(*name) : std::get<Distortion>(distortion),
+                           coefficients, width, height);
+           }),
            py::arg("intrinsics"), py::arg("distortion"), py::arg("coefficients"), py::arg("width"),
            py::arg("height"), "intrinsics: fx, fy, cx, cy [px].")
       .def_property_readonly("width", &Camera::width)

@@ -54,6 +54,8 @@ class Module:
         if "numpy.ndarray[" in text:  # within another type
             text = re.sub(r"numpy\.ndarray\[numpy\.(\w+)(?:\[[^\]]*\])?(?:, flags[.\w, ]*)?\]",
                           r"numpy.typing.NDArray[numpy.\1]", text)
+        text = re.sub(r"\b(list|tuple|dict)\b(?!\[)", lambda m: {"list": "list[typing.Any]", "dict":
+                      "dict[str, typing.Any]", "tuple": "tuple[typing.Any, ...]"}[m[1]], text)
         text = re.sub(r"\bcapsule\b|\bhandle\b", "object", text)
         text = text.replace("os.PathLike", "os.PathLike[str]") if "os.PathLike[" not in text else text
         text = re.sub(r"\bnumpy\.ndarray\b(?!\[)", "numpy.typing.NDArray[typing.Any]", text)
@@ -159,7 +161,7 @@ class Module:
             self.imports.add("typing")
             self.lines.append(f"    {name}: typing.ClassVar[{cls.__name__}]")
         for name, member in cls.__dict__.items():
-            if name in (members or {}) or name in ("__module__", "__doc__", "__entries", "__weakref__", "__dict__"):
+            if members and (name in members or name in ("name", "value", "__members__")) or name in ("__module__", "__doc__", "__entries", "__weakref__", "__dict__"):
                 continue
             if isinstance(member, property):
                 kind = described.get(name) or ("dict[str, typing.Any]" if name == "__members__" else self.property_type(member))
@@ -212,8 +214,8 @@ def main():
     core = sweepkit._core
     for folder in core.folders:
         (package / f"{folder}.pyi").write_text(Module(getattr(core, folder)).text())
-    names = ", ".join(core.folders)
-    (package / "_core.pyi").write_text(f"{HEADER}from . import {names}\n\nfolders: tuple[str, ...]\n")
+    imports = "".join(f"from . import {name} as {name}\n" for name in core.folders)
+    (package / "_core.pyi").write_text(f"{HEADER}{imports}\n\nfolders: tuple[str, ...]\n")
 
 
 main()
