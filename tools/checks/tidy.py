@@ -21,7 +21,7 @@ import sys
 
 import tree
 
-MOST = 6  # sources; a few seconds each
+MOST = 4  # sources; a few seconds each
 
 
 def git(*arguments):
@@ -85,8 +85,10 @@ def main():
         if mark.exists():
             return []
         done = subprocess.run(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
-        found = [line for line in done.stdout.splitlines() if ": warning: " in line or ": error: " in line]
-        if done.returncode == 0 and not found:
+        lines = [line for line in done.stdout.splitlines() if ": warning: " in line or ": error: " in line]
+        # Whether it compiles is for the compiler to say: clang 14 lacks parts of C++20, such as captured bindings.
+        found = [line for line in lines if "[clang-diagnostic-" not in line]
+        if not found and (done.returncode == 0 or lines):
             mark.touch()
         elif not found:
             found = [f"{' '.join(command)}: {done.stderr.strip()}"]
