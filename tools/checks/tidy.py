@@ -86,8 +86,8 @@ def main():
             return []
         done = subprocess.run(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
         lines = [line for line in done.stdout.splitlines() if ": warning: " in line or ": error: " in line]
-        # Whether it compiles is for the compiler to say: clang 14 lacks parts of C++20, such as captured bindings.
-        found = [line for line in lines if "[clang-diagnostic-" not in line]
+        # clang 14 lacks a part of C++20 that is used here: lambdas that capture structured bindings.
+        found = [line for line in lines if "reference to local binding" not in line]
         if not found and (done.returncode == 0 or lines):
             mark.touch()
         elif not found:
