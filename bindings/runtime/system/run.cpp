@@ -5,10 +5,15 @@
 #include <algorithm>
 #include <chrono>
 #include <exception>
+#include <filesystem>
+#include <mutex>
+#include <optional>
+#include <string>
 #include <thread>
 #include <utility>
 
 #include "sweepkit/core/option_text.hpp"
+#include "sweepkit/system/frame_picture.hpp"
 #include "sweepkit/system/results.hpp"
 
 namespace sweepkit {
@@ -34,6 +39,39 @@ class EventTee : public EventSink {
   const RunHooks& hooks_;
 };
 
+// Pictures of some frames. What cannot be written is kept for the thread that reads.
+class PictureWriter : public FrameSink {
+ public:
+  PictureWriter(const StereoRig& rig, std::filesystem::path folder, double every)
+      : rig_(rig), folder_(std::move(folder)), every_(from_seconds(every)) {
+    std::filesystem::create_directories(folder_);
+  }
+
+  void on_frame(const StereoImage& image, const StereoFrame& frame, const TrackedImage& tracked) override {
+    if (frame.t != image.t || (next_ && tracked.t < *next_)) return;
+    next_ = tracked.t + every_;
+    try {
+      write_frame_picture(folder_ / (std::to_string(tracked.t) + ".png"), rig_, image.left.view, frame);
+    } catch (...) {
+      const std::scoped_lock lock(mutex_);
+      error_ = std::current_exception();
+    }
+  }
+
+  void rethrow() {
+    const std::scoped_lock lock(mutex_);
+    if (error_) std::rethrow_exception(error_);
+  }
+
+ private:
+  const StereoRig rig_;
+  const std::filesystem::path folder_;
+  const TimeNs every_;
+  std::optional<TimeNs> next_;
+  std::mutex mutex_;
+  std::exception_ptr error_;
+};
+
 class Run {
  public:
   Run(const RunOptions& options, const RunHooks& hooks)
@@ -46,7 +84,10 @@ class Run {
   RunResult operator()() {
     for (const std::string& sensor : recording_->info().missing_sensors)
       events_.on_event(Event(recording_->info().begin, "sensor_missing").with("sensor", sensor));
-    Sweeper sweeper(recording_->rig().stereo(), options_.sweeper, &events_);
+    const StereoRig rig = recording_->rig().stereo();
+    if (options_.pictures.every > 0)
+      pictures_.emplace(rig, writer_.folder() / "pictures", options_.pictures.every);
+    Sweeper sweeper(rig, options_.sweeper, &events_, pictures_ ? &*pictures_ : nullptr);
     RunResult result;
     std::string ended = "end of recording";
     std::exception_ptr damage;
@@ -113,6 +154,7 @@ class Run {
   void write_new_images(const Sweeper& sweeper) {
     const std::vector<TrackedImage> images = sweeper.images(written_);
     writer_.write(images);
+    if (pictures_) pictures_->rethrow();
     written_ += images.size();
     if (!images.empty()) lost_ = images.back().basis != PoseBasis::vision;
   }
@@ -123,6 +165,7 @@ class Run {
   std::unique_ptr<Recording> recording_;
   ResultWriter writer_;
   EventTee events_;
+  std::optional<PictureWriter> pictures_;
   StageClock clock_;
   std::optional<std::pair<TimeNs, Clock::time_point>> first_;
   std::size_t written_ = 0;

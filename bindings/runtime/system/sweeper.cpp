@@ -36,10 +36,11 @@ std::string size_of(const SharedGray& image) {
 
 class Sweeper::Impl {
  public:
-  Impl(const StereoRig& rig, const SweeperOptions& options, EventSink* events)
+  Impl(const StereoRig& rig, const SweeperOptions& options, EventSink* events, FrameSink* frames)
       : rig_(rig),
         options_(options),
         events_(events),
+        frames_(frames),
         T_camera_body_(rig.T_body_camera().inverse()),
         frontend_(rig, options.frontend),
         tracker_(rectified_camera(rig), rig.bounds(), levels(), options.tracker, T_camera_body_),
@@ -97,6 +98,8 @@ class Sweeper::Impl {
       }
       if (last_image_ == kNever) tell(Event(image.t, "started").with("realtime", options_.realtime));
       last_image_ = image.t;
+      const std::scoped_lock state(state_mutex_);
+      newest_sample_ = std::max(newest_sample_, image.t);
     }
     if (!options_.realtime) return guard(image.t, "cameras", [&] { process(image); });
     std::optional<TimeNs> dropped;
@@ -132,6 +135,7 @@ class Sweeper::Impl {
     }
     queue_changed_.notify_all();
     if (mapping_thread_.joinable()) mapping_thread_.join();
+    take_local_map();  // the last keyframe's, so that its image follows it
     if (last_image_ != kNever) tell(Event(last_image_, "stopped").with("images", counts().images));
   }
 
@@ -227,6 +231,7 @@ class Sweeper::Impl {
       candidate = track(image, tracked);
     }
     record(tracked);
+    if (frames_) frames_->on_frame(image, frame_, tracked);
     if (candidate) hand_over(std::move(*candidate));
   }
 
@@ -389,6 +394,7 @@ class Sweeper::Impl {
   const StereoRig rig_;
   const SweeperOptions options_;
   EventSink* const events_;
+  FrameSink* const frames_;
   const SE3d T_camera_body_;
   StageClock clock_;
 
@@ -424,9 +430,9 @@ class Sweeper::Impl {
   std::thread tracking_thread_, mapping_thread_;
 };
 
-Sweeper::Sweeper(const StereoRig& rig, const SweeperOptions& options, EventSink* events) {
+Sweeper::Sweeper(const StereoRig& rig, const SweeperOptions& options, EventSink* events, FrameSink* frames) {
   check_options(options);
-  impl_ = std::make_unique<Impl>(rig, options, events);
+  impl_ = std::make_unique<Impl>(rig, options, events, frames);
 }
 Sweeper::~Sweeper() = default;
 void Sweeper::feed(const ImuSample& sample) noexcept { impl_->feed(sample); }

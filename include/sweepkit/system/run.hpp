@@ -13,11 +13,23 @@
 
 namespace sweepkit {
 
+/// Pictures of frames with their key points, as write_frame_picture draws them.
+struct PictureOptions {
+  double every = 0;
+
+  template <class Visitor>
+  void visit_options(Visitor& v) {
+    v(every, "every", "s", range(0, 1e6),
+      "a picture of a frame with its key points so often, into pictures/ of the results; 0: none");
+  }
+};
+
 /// The whole system on a recording.
 struct RunOptions {
   std::string data_path;
   std::string save_path;
   RecordingOptions recording;
+  PictureOptions pictures;
   SweeperOptions sweeper;
 
   template <class Visitor>
@@ -25,6 +37,7 @@ struct RunOptions {
     v(data_path, "data_path", "", any_value(), "folder of the recording: EuRoC ASL or KITTI odometry");
     v(save_path, "save_path", "", any_value(), "folder for the results; made if needed");
     v.group(recording, "recording", "what to read of the recording");
+    v.group(pictures, "pictures", "pictures of frames");
     sweeper.visit_options(v);
   }
 };

@@ -78,6 +78,15 @@ struct TrackedImage {
   SE3d T_camera_reference;  ///< against that keyframe
 };
 
+/// Who wants to see each frame once it is tracked. Called in the frame path, in the thread that tracks: what
+/// takes long here makes images late. Must not throw.
+class FrameSink {
+ public:
+  virtual ~FrameSink() = default;
+  /// @param image may lack one side; the frame then is that of an image before
+  virtual void on_frame(const StereoImage& image, const StereoFrame& frame, const TrackedImage& tracked) = 0;
+};
+
 /// Counted over a run.
 struct SweeperCounts {
   std::int64_t images = 0;           ///< processed, each with a pose
@@ -99,9 +108,13 @@ struct SweeperCounts {
 /// come faster than they can be tracked are dropped, the oldest first.
 class Sweeper {
  public:
-  /// @param events told of everything that happens, from any thread; must outlive this; may be null
+  /// @param events told of everything that happens, from any thread; must not throw; must outlive this; may
+  /// be
+  ///   null
+  /// @param frames shown every frame; must outlive this; may be null
   /// Throws Error(option) if an option is out of range.
-  explicit Sweeper(const StereoRig& rig, const SweeperOptions& options = {}, EventSink* events = nullptr);
+  explicit Sweeper(const StereoRig& rig, const SweeperOptions& options = {}, EventSink* events = nullptr,
+                   FrameSink* frames = nullptr);
   /// Ends without waiting for what is still queued.
   ~Sweeper();
   Sweeper(const Sweeper&) = delete;
