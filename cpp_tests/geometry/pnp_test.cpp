@@ -1,6 +1,7 @@
 // SPDX-FileCopyrightText: The sweepkit authors
 // SPDX-License-Identifier: Apache-2.0
 #include "sweepkit/geometry/pnp.hpp"
+#include "sweepkit/geometry/impl/pnp.hpp"
 
 #include <algorithm>
 #include <catch2/catch.hpp>

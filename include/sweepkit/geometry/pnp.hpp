@@ -9,7 +9,6 @@
 #include <vector>
 
 #include "sweepkit/core/options.hpp"
-#include "sweepkit/geometry/impl/pnp.hpp"
 #include "sweepkit/geometry/ransac.hpp"
 #include "sweepkit/geometry/se3.hpp"
 
@@ -69,20 +68,8 @@ struct PnpRefinement {
 /// @param chosen numbers of the matches to use
 /// @return nothing if they do not fix all six degrees of freedom
 /// @throws Error(argument) if the lists differ in length
-inline std::optional<PnpRefinement> refine_pnp(const PnpMatches& matches, std::span<const int> chosen,
-                                               const SE3<double>& T_world_camera,
-                                               const PnpOptions& options = {}) {
-  impl::check_matches(matches);
-  impl::PnpPose pose = impl::PnpPose::from(T_world_camera);
-  const impl::PnpFit fit =
-      impl::fit_pnp(matches, chosen, 1, options.huber_width, options.refine_iterations, pose);
-  PnpRefinement result;
-  if (!impl::pnp_covariance(fit.H, result.covariance)) return std::nullopt;
-  result.T_world_camera = pose.T_world_camera();
-  result.rmse = fit.rmse;
-  result.iterations = fit.iterations;
-  return result;
-}
+std::optional<PnpRefinement> refine_pnp(const PnpMatches& matches, std::span<const int> chosen,
+                                        const SE3<double>& T_world_camera, const PnpOptions& options = {});
 
 /// Pose of a camera from matches of which many are wrong: P3P on samples of three in LO-RANSAC, then
 /// refine_pnp() on the inliers, chosen anew once more with the refined pose. Right-image coordinates, where
@@ -91,31 +78,7 @@ inline std::optional<PnpRefinement> refine_pnp(const PnpMatches& matches, std::s
 /// @param guess a pose to try before any sample
 /// @return nothing for fewer than options.min_inliers inliers, or inliers that do not fix the pose
 /// @throws Error(argument) if the lists differ in length
-inline std::optional<PnpResult> solve_pnp(const PnpMatches& matches, const PnpOptions& options = {},
-                                          const std::optional<SE3<double>>& guess = std::nullopt) {
-  impl::check_matches(matches);
-  if (static_cast<int>(matches.points.size()) < options.min_inliers) return std::nullopt;
-  const impl::PnpEstimator estimator(matches, options.threshold, options.huber_width);
-  impl::PnpPose start;
-  if (guess) start = impl::PnpPose::from(*guess);
-  const std::span<const impl::PnpPose> guesses(&start, guess ? 1 : 0);
-  auto found = ransac(estimator, options.ransac, guesses);
-  if (!found || static_cast<int>(found->inliers.size()) < options.min_inliers) return std::nullopt;
-
-  PnpResult result;
-  result.inliers = std::move(found->inliers);
-  result.iterations = found->iterations;
-  impl::PnpPose pose = found->model;
-  impl::PnpFit fit;
-  for (int round = 0; round < 2; ++round) {
-    fit = impl::fit_pnp(matches, result.inliers, 1, options.huber_width, options.refine_iterations, pose);
-    if (round == 1 || !estimator.select(pose, result.inliers)) break;
-    if (static_cast<int>(result.inliers.size()) < options.min_inliers) return std::nullopt;
-  }
-  if (!impl::pnp_covariance(fit.H, result.covariance)) return std::nullopt;
-  result.T_world_camera = pose.T_world_camera();
-  result.rmse = fit.rmse;
-  return result;
-}
+std::optional<PnpResult> solve_pnp(const PnpMatches& matches, const PnpOptions& options = {},
+                                   const std::optional<SE3<double>>& guess = std::nullopt);
 
 }  // namespace sweepkit

@@ -2,7 +2,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
-#include <cmath>
 #include <vector>
 
 #include "sweepkit/core/options.hpp"
@@ -39,21 +38,15 @@ struct FrontendOptions {
 /// images, stereo matching. Keeps its buffers; one thread at a time; deterministic.
 class Frontend {
  public:
-  Frontend(const StereoRig& rig, const FrontendOptions& options)
-      : options_(options), extractor_(options.orb), matcher_(rig, options.stereo) {}
+  /// The stereo search takes its scale factor from `options.orb`.
+  Frontend(const StereoRig& rig, const FrontendOptions& options);
 
   /// First half: key points of both raw images, of the sizes that the rig has.
-  void extract(GrayView left, GrayView right) {
-    extract(left, left_pyramid_, left_features_);
-    extract(right, right_pyramid_, right_features_);
-  }
+  void extract(GrayView left, GrayView right);
 
   /// Second half: stereo matches, and from them the frame's measurements, descriptors and grid. Key points
   /// outside the cameras' domain are left out.
-  void match(StereoFrame& frame) {
-    matcher_.match(left_features_, left_pyramid_, right_features_, right_pyramid_, {}, matches_);
-    collect(frame);
-  }
+  void match(StereoFrame& frame);
 
   /// What to take off the disparities of the frames to come [px].
   void set_disparity_bias(double bias) { disparity_bias_ = bias; }
@@ -62,39 +55,9 @@ class Frontend {
   const ImagePyramid& left_pyramid() const { return left_pyramid_; }
 
  private:
-  void extract(GrayView image, ImagePyramid& pyramid, Features<256>& features) {
-    pyramid.build(image, options_.orb.levels, options_.orb.scale_factor);
-    extractor_.extract(pyramid, features);
-  }
-
-  // The refinement knows the noise of pixels only, not that patches are seldom flat and never quite alike.
-  // Measured against true depth of simulated recordings, errors are somewhat larger, and grow with the octave.
-  float disparity_sigma(const StereoMatch& match, int octave) const {
-    return static_cast<float>(std::hypot(options_.disparity_sigma_factor * match.sigma,
-                                         options_.disparity_sigma_floor * left_pyramid_.scale(octave)));
-  }
-
-  void collect(StereoFrame& frame) {
-    frame.measurements.clear();
-    frame.descriptors.clear();
-    for (std::size_t i = 0; i < matches_.size(); ++i) {
-      const StereoMatch& match = matches_[i];
-      if (!match.rectified) continue;
-      const KeyPoint& keypoint = left_features_.keypoints[i];
-      frame.measurements.push_back(
-          {.u = match.u_left,
-           .v = match.v_left,
-           .u_right = match.found() ? match.u_right : -1,
-           .sigma = static_cast<float>(options_.keypoint_sigma) * left_pyramid_.scale(keypoint.octave),
-           .sigma_right = match.found() ? disparity_sigma(match, keypoint.octave) : 1,
-           .angle = keypoint.angle,
-           .octave = keypoint.octave});
-      frame.measurements.back().shift_disparity(disparity_bias_);
-      frame.descriptors.push_back(left_features_.descriptors[i]);
-    }
-    frame.disparity_bias = disparity_bias_;
-    frame.grid.build(frame.measurements);
-  }
+  void extract(GrayView image, ImagePyramid& pyramid, Features<256>& features);
+  float disparity_sigma(const StereoMatch& match, int octave) const;
+  void collect(StereoFrame& frame) const;
 
   FrontendOptions options_;
   OrbExtractor extractor_;
