@@ -161,6 +161,7 @@ TEST_CASE("sweeper_robot runs a recording, twice the same", "[program]") {
                                           "summary.json", "trajectory_live.tum", "trajectory_odom.tum",
                                           "trajectory_optimized.tum"});
   std::vector<std::string> contents;
+  contents.reserve(names.size());
   for (const std::string& name : names) contents.push_back(content(folder / ("out/" + name)));
   CHECK(run(folder, usual(folder)).code == 0);
   for (std::size_t i = 0; i < names.size(); ++i) {

@@ -27,7 +27,7 @@ std::string to_svg(const Evaluation& evaluation) {
     both.add(pair.estimate.translation());
   }
   const auto axes = drawn_axes(truth);
-  const auto [a, b] = axes;
+  const int a = axes[0], b = axes[1];
   const auto [x_axis, y_axis] = square_axes(both, axes);
   constexpr double kSide = 420.0;
   const Panel map(70, 50, kSide, kSide, x_axis, y_axis);

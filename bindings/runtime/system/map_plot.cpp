@@ -57,7 +57,7 @@ std::string map_svg(const Map& map, const SE3d& T_body_camera, std::span<const S
   for (const StampedPose& pose : path) path_box.add(pose.T_world_body.translation());
   if (path.empty()) path_box.add(Vec3<double>::Zero());
   const auto axes = axes_from_above(T_body_camera, path);
-  const auto [a, b] = axes;
+  const int a = axes[0], b = axes[1];
   PositionBox box = inner_box(points);
   box.add(path_box.low);
   box.add(path_box.high);
