@@ -2,6 +2,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
+#include <algorithm>
+#include <cmath>
 #include <cstring>
 
 #include "sweepkit/core/simd.hpp"
@@ -15,11 +17,29 @@ namespace sweepkit {
 /// Eight floats: one AVX2 register, or two SSE ones. Sums over patches keep eight partial sums in either
 /// case.
 using Lanes = float __attribute__((vector_size(32)));
+using IntLanes = int __attribute__((vector_size(32)));
+using HalfLanes = float __attribute__((vector_size(16)));
 
 SWEEPKIT_ALWAYS_INLINE void load(const float* p, Lanes& lanes) { std::memcpy(&lanes, p, sizeof(lanes)); }
 
 SWEEPKIT_ALWAYS_INLINE float add_lanes(const Lanes& x) {
   return ((x[0] + x[4]) + (x[2] + x[6])) + ((x[1] + x[5]) + (x[3] + x[7]));
+}
+
+/// The same of four at once.
+SWEEPKIT_ALWAYS_INLINE HalfLanes add_lanes(const Lanes& a, const Lanes& b, const Lanes& c, const Lanes& d) {
+  using Index = int __attribute__((vector_size(16)));
+  const auto fold = [](const Lanes& x) __attribute__((always_inline)) {
+    HalfLanes low, high;
+    std::memcpy(&low, &x, sizeof(low));
+    std::memcpy(&high, reinterpret_cast<const char*>(&x) + sizeof(low), sizeof(high));
+    return low + high;
+  };
+  const HalfLanes a4 = fold(a), b4 = fold(b), c4 = fold(c), d4 = fold(d);
+  const Index low = {0, 4, 1, 5}, high = {2, 6, 3, 7};
+  const HalfLanes ab = __builtin_shuffle(a4, b4, low) + __builtin_shuffle(a4, b4, high),
+                  cd = __builtin_shuffle(c4, d4, low) + __builtin_shuffle(c4, d4, high);
+  return __builtin_shuffle(ab, cd, Index{0, 1, 4, 5}) + __builtin_shuffle(ab, cd, Index{2, 3, 6, 7});
 }
 
 /// Bytes to floats.
@@ -53,14 +73,30 @@ struct PortableSampler {
 };
 
 #ifdef SWEEPKIT_HAVE_AVX2
-/// The same with gathers. Reads up to 2 bytes behind the four pixels of a sample, which lie in the image's
-/// padding at worst.
+/// The same, eight samples at once.
 struct Avx2Sampler {
   SWEEPKIT_TARGET_AVX2 static void bilinear(const GrayView& image, float x, float y, float step_x,
                                             float step_y, float* values) {
-    const __m256i stride = _mm256_set1_epi32(static_cast<int>(image.stride)), byte = _mm256_set1_epi32(255);
-    const auto* first = reinterpret_cast<const int*>(image.data);
-    const auto* below = reinterpret_cast<const int*>(image.data + image.stride);
+    // Along a nearly horizontal line eight samples lie in 3 rows of 16 pixels, which bytes are shuffled from.
+    if (step_x > 0 && step_x < 1.9f && std::abs(step_y) < 0.125f && image.width >= 16)
+      sample(image, x, y, step_x, step_y, values,
+             [](const GrayView& g, __m256i xi, __m256i yi, Pixels& p)
+                 SWEEPKIT_TARGET_AVX2 { shuffle(g, xi, yi, p); });
+    else
+      sample(image, x, y, step_x, step_y, values,
+             [](const GrayView& g, __m256i xi, __m256i yi, Pixels& p)
+                 SWEEPKIT_TARGET_AVX2 { gather(g, xi, yi, p); });
+  }
+
+ private:
+  struct Pixels {
+    __m256i a, b, c, d;  // left, right; those below
+  };
+
+  template <class Fetch>
+  SWEEPKIT_TARGET_AVX2 SWEEPKIT_ALWAYS_INLINE static void sample(const GrayView& image, float x, float y,
+                                                                 float step_x, float step_y, float* values,
+                                                                 const Fetch& fetch) {
     const __m256 sx = _mm256_set1_ps(step_x), sy = _mm256_set1_ps(step_y);
     __m256 ramp = _mm256_setr_ps(0, 1, 2, 3, 4, 5, 6, 7);
     for (int i = 0; i < 16; i += 8, ramp = _mm256_add_ps(ramp, _mm256_set1_ps(8))) {
@@ -69,19 +105,47 @@ struct Avx2Sampler {
       const __m256i xi = _mm256_cvttps_epi32(xs), yi = _mm256_cvttps_epi32(ys);
       const __m256 fx = _mm256_sub_ps(xs, _mm256_cvtepi32_ps(xi)),
                    fy = _mm256_sub_ps(ys, _mm256_cvtepi32_ps(yi));
-      const __m256i offset = _mm256_add_epi32(_mm256_mullo_epi32(yi, stride), xi);
-      const __m256i ab = _mm256_i32gather_epi32(first, offset, 1),
-                    cd = _mm256_i32gather_epi32(below, offset, 1);
-      const auto low = [&](__m256i pair)
-                           SWEEPKIT_TARGET_AVX2 { return _mm256_cvtepi32_ps(_mm256_and_si256(pair, byte)); };
-      const auto high = [&](__m256i pair) SWEEPKIT_TARGET_AVX2 {
-        return _mm256_cvtepi32_ps(_mm256_and_si256(_mm256_srli_epi32(pair, 8), byte));
-      };
-      const __m256 a = low(ab), b = high(ab), c = low(cd), d = high(cd);
+      Pixels pixels;
+      fetch(image, xi, yi, pixels);
+      const __m256 a = _mm256_cvtepi32_ps(pixels.a), b = _mm256_cvtepi32_ps(pixels.b),
+                   c = _mm256_cvtepi32_ps(pixels.c), d = _mm256_cvtepi32_ps(pixels.d);
       const __m256 top = _mm256_add_ps(a, _mm256_mul_ps(fx, _mm256_sub_ps(b, a)));
       const __m256 bottom = _mm256_add_ps(c, _mm256_mul_ps(fx, _mm256_sub_ps(d, c)));
       _mm256_storeu_ps(values + i, _mm256_add_ps(top, _mm256_mul_ps(fy, _mm256_sub_ps(bottom, top))));
     }
+  }
+
+  // Reads up to 2 bytes behind the four pixels of a sample: of the next row at worst.
+  SWEEPKIT_TARGET_AVX2 static void gather(const GrayView& image, __m256i xi, __m256i yi, Pixels& pixels) {
+    const __m256i stride = _mm256_set1_epi32(static_cast<int>(image.stride)), byte = _mm256_set1_epi32(255);
+    const __m256i offset = _mm256_add_epi32(_mm256_mullo_epi32(yi, stride), xi);
+    const __m256i above = _mm256_i32gather_epi32(reinterpret_cast<const int*>(image.data), offset, 1),
+                  below = _mm256_i32gather_epi32(reinterpret_cast<const int*>(image.data + image.stride),
+                                                 offset, 1);
+    pixels.a = _mm256_and_si256(above, byte);
+    pixels.b = _mm256_and_si256(_mm256_srli_epi32(above, 8), byte);
+    pixels.c = _mm256_and_si256(below, byte);
+    pixels.d = _mm256_and_si256(_mm256_srli_epi32(below, 8), byte);
+  }
+
+  SWEEPKIT_TARGET_AVX2 SWEEPKIT_ALWAYS_INLINE static void shuffle(const GrayView& image, __m256i xi,
+                                                                  __m256i yi, Pixels& pixels) {
+    const int x = std::min(_mm256_cvtsi256_si32(xi), image.width - 16),
+              y = std::min(_mm256_cvtsi256_si32(yi), _mm256_extract_epi32(yi, 7));
+    const std::uint8_t* p = image.row(y) + x;
+    const __m256i row0 = _mm256_broadcastsi128_si256(impl::load_16(p)),
+                  row1 = _mm256_broadcastsi128_si256(impl::load_16(p + image.stride)),
+                  row2 = _mm256_broadcastsi128_si256(impl::load_16(p + 2 * image.stride));
+    // One byte a lane; those with the highest bit set give 0.
+    const __m256i left = _mm256_or_si256(_mm256_sub_epi32(xi, _mm256_set1_epi32(x)),
+                                         _mm256_set1_epi32(static_cast<int>(0x80808000u)));
+    const __m256i right = _mm256_add_epi32(left, _mm256_set1_epi32(1));
+    const __m256i lower = _mm256_cmpgt_epi32(yi, _mm256_set1_epi32(y));
+    const __m256i left1 = _mm256_shuffle_epi8(row1, left), right1 = _mm256_shuffle_epi8(row1, right);
+    pixels.a = _mm256_blendv_epi8(_mm256_shuffle_epi8(row0, left), left1, lower);
+    pixels.b = _mm256_blendv_epi8(_mm256_shuffle_epi8(row0, right), right1, lower);
+    pixels.c = _mm256_blendv_epi8(left1, _mm256_shuffle_epi8(row2, left), lower);
+    pixels.d = _mm256_blendv_epi8(right1, _mm256_shuffle_epi8(row2, right), lower);
   }
 };
 #endif

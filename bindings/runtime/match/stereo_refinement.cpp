@@ -21,6 +21,9 @@ constexpr int kMaxRows = 2 * kMaxRadius + 1;
 constexpr int kPatch = 4;
 constexpr int kStripColumns = 16;
 constexpr int kReach = 3;
+constexpr float kMaxShear = 4;  // columns a row
+constexpr int kOffsetBase = 32;
+static_assert(kOffsetBase > kMaxRadius * kMaxShear + 1);
 
 /// Where a grid of samples lies in an image: column i and row j at origin + i * step_u + j * step_v.
 struct Lattice {
@@ -28,10 +31,19 @@ struct Lattice {
   bool aligned = false;  // with the pixels, one to one
 };
 
+// Rows are counted in two registers.
+constexpr int kRowLanes = 16;
+static_assert(kMaxRows <= kRowLanes);
+
 struct Strip {
   alignas(32) float value[kMaxRows][kStripColumns];
-  int offset[kMaxRows];  // whole columns that a row is read farther to the right
+  int offset[kRowLanes];  // whole columns that a row is read farther to the right
 };
+
+/// Numbers of eight rows, the middle one 0.
+SWEEPKIT_ALWAYS_INLINE void row_numbers(int first, int rows, Lanes& numbers) {
+  numbers = Lanes{0, 1, 2, 3, 4, 5, 6, 7} + static_cast<float>(first - rows / 2);
+}
 
 /// Reads columns -8 .. 7 and rows -radius .. radius, each shifted by shear times its number to the nearest
 /// whole column; false if one lies outside the image.
@@ -39,123 +51,150 @@ template <class Sampler>
 SWEEPKIT_ALWAYS_INLINE bool read_strip(const GrayView& image, const Lattice& lattice, int radius, float shear,
                                        Strip& strip) {
   constexpr int kFirst = -kStripColumns / 2, kLast = kStripColumns / 2 - 1;
-  for (int j = -radius; j <= radius; ++j)
-    strip.offset[j + radius] = static_cast<int>(std::lround(shear * static_cast<float>(j)));
-  const int spread = std::abs(strip.offset[0]);
+  const int rows = 2 * radius + 1;
+  for (int j = 0; j < kRowLanes; j += 8) {
+    // Positive before it is cut to a whole number; find_shift keeps the shear below kMaxShear.
+    Lanes numbers;
+    row_numbers(j, rows, numbers);
+    const Lanes moved = numbers * shear + (kOffsetBase + 0.5f);
+    const IntLanes whole = __builtin_convertvector(moved, IntLanes) - kOffsetBase;
+    std::memcpy(strip.offset + j, &whole, sizeof(whole));
+  }
+  const int left = std::min(strip.offset[0], strip.offset[rows - 1]) + kFirst,
+            right = std::max(strip.offset[0], strip.offset[rows - 1]) + kLast;
   if (lattice.aligned) {
     const int x = static_cast<int>(lattice.origin.x()), y = static_cast<int>(lattice.origin.y());
-    if (x + kFirst - spread < 0 || x + kLast + spread >= image.width || y < radius ||
-        y + radius >= image.height)
-      return false;
-    for (int j = -radius; j <= radius; ++j)
-      widen<kStripColumns>(image.row(y + j) + x + kFirst + strip.offset[j + radius], strip.value[j + radius]);
+    if (x + left < 0 || x + right >= image.width || y < radius || y + radius >= image.height) return false;
+    for (int j = 0; j < rows; ++j)
+      widen<kStripColumns>(image.row(y + j - radius) + x + kFirst + strip.offset[j], strip.value[j]);
     return true;
   }
-  for (const int i : {kFirst - spread, kLast + spread})
+  for (const int i : {left, right})
     for (const int j : {-radius, radius}) {
       const float x = lattice.origin.x() + i * lattice.step_u.x() + j * lattice.step_v.x();
       const float y = lattice.origin.y() + i * lattice.step_u.y() + j * lattice.step_v.y();
       if (!(x >= 1 && y >= 1 && x < image.width - 2 && y < image.height - 2)) return false;
     }
-  for (int j = -radius; j <= radius; ++j) {
-    const int i = kFirst + strip.offset[j + radius];
-    Sampler::bilinear(image, lattice.origin.x() + j * lattice.step_v.x() + i * lattice.step_u.x(),
-                      lattice.origin.y() + j * lattice.step_v.y() + i * lattice.step_u.y(),
-                      lattice.step_u.x(), lattice.step_u.y(), strip.value[j + radius]);
+  for (int j = 0; j < rows; ++j) {
+    const int i = kFirst + strip.offset[j], row = j - radius;
+    Sampler::bilinear(image, lattice.origin.x() + row * lattice.step_v.x() + i * lattice.step_u.x(),
+                      lattice.origin.y() + row * lattice.step_v.y() + i * lattice.step_u.y(),
+                      lattice.step_u.x(), lattice.step_u.y(), strip.value[j]);
   }
   return true;
 }
 
-/// The left patch made ready: zero-mean values; the derivatives by shift and by shear without what gain and
-/// offset explain.
+/// The left patch made ready. Its values and derivatives stay as they are; sums of products with them are
+/// freed of what mean, gain and offset explain.
 struct Template {
-  Lanes value[kMaxRows], by_shift[kMaxRows], by_shear[kMaxRows];
-  float count, variance;
-  float shift2, shear2, both;  // sums of products of the derivatives
+  Lanes value[kMaxRows];     // less that of the middle, for exact sums
+  Lanes by_shift[kMaxRows];  // derivative; that by shear is the row's number times it
+  float count, mean, variance;
+  float shift_mean, shift_gain, shear_mean, shear_gain;  // how offset and gain explain the derivatives
+  float shift2, shear2, both;                            // products of what they leave
 };
 
 SWEEPKIT_ALWAYS_INLINE void prepare(const Strip& left, int rows, Template& t) {
   t.count = static_cast<float>(8 * rows);
-  Lanes sum = {}, shift_sum = {}, shear_sum = {};
+  const float pivot = left.value[rows / 2][kPatch + 4];
+  Lanes sum = {}, value2 = {}, shift_sum = {}, shear_sum = {}, value_shift = {}, value_shear = {},
+        shift2 = {}, both = {}, shear2 = {};
   for (int j = 0; j < rows; ++j) {
     const float* p = left.value[j] + kPatch;
-    Lanes m2, m1, p1, p2;
+    const auto row = static_cast<float>(j - rows / 2);
+    Lanes m2, m1, v, p1, p2;
     load(p - 2, m2);
     load(p - 1, m1);
-    load(p, t.value[j]);
+    load(p, v);
     load(p + 1, p1);
     load(p + 2, p2);
-    t.by_shift[j] = (p1 - m1) * (8.0f / 12) - (p2 - m2) * (1.0f / 12);
-    t.by_shear[j] = t.by_shift[j] * static_cast<float>(j - rows / 2);
-    sum += t.value[j];
-    shift_sum += t.by_shift[j];
-    shear_sum += t.by_shear[j];
+    v -= pivot;
+    const Lanes d = (p1 - m1) * (8.0f / 12) - (p2 - m2) * (1.0f / 12);
+    const Lanes vd = v * d, dd = d * d, dd_row = dd * row;
+    t.value[j] = v;
+    t.by_shift[j] = d;
+    sum += v;
+    value2 += v * v;
+    shift_sum += d;
+    shear_sum += d * row;
+    value_shift += vd;
+    value_shear += vd * row;
+    shift2 += dd;
+    both += dd_row;
+    shear2 += dd_row * row;
   }
-  const float mean = add_lanes(sum) / t.count, shift_mean = add_lanes(shift_sum) / t.count,
-              shear_mean = add_lanes(shear_sum) / t.count;
-  Lanes value2 = {}, value_shift = {}, value_shear = {};
-  for (int j = 0; j < rows; ++j) {
-    t.value[j] -= mean;
-    value2 += t.value[j] * t.value[j];
-    value_shift += t.value[j] * t.by_shift[j];
-    value_shear += t.value[j] * t.by_shear[j];
-  }
-  t.variance = add_lanes(value2);
+  const HalfLanes first = add_lanes(sum, value2, shift_sum, shear_sum),
+                  second = add_lanes(value_shift, value_shear, shift2, both);
+  const float inverse_count = 1 / t.count;
+  t.mean = first[0] * inverse_count;
+  t.shift_mean = first[2] * inverse_count;
+  t.shear_mean = first[3] * inverse_count;
+  t.variance = first[1] - t.mean * first[0];
   const float inverse = t.variance > 0 ? 1 / t.variance : 0.0f;
-  const float shift_gain = add_lanes(value_shift) * inverse, shear_gain = add_lanes(value_shear) * inverse;
-  Lanes shift2 = {}, shear2 = {}, both = {};
-  for (int j = 0; j < rows; ++j) {
-    t.by_shift[j] = t.by_shift[j] - shift_mean - shift_gain * t.value[j];
-    t.by_shear[j] = t.by_shear[j] - shear_mean - shear_gain * t.value[j];
-    shift2 += t.by_shift[j] * t.by_shift[j];
-    shear2 += t.by_shear[j] * t.by_shear[j];
-    both += t.by_shift[j] * t.by_shear[j];
-  }
-  t.shift2 = add_lanes(shift2);
-  t.shear2 = add_lanes(shear2);
-  t.both = add_lanes(both);
+  const float shift_value = second[0] - t.mean * first[2], shear_value = second[1] - t.mean * first[3];
+  t.shift_gain = shift_value * inverse;
+  t.shear_gain = shear_value * inverse;
+  t.shift2 = second[2] - t.shift_mean * first[2] - t.shift_gain * shift_value;
+  t.both = second[3] - t.shift_mean * first[3] - t.shift_gain * shear_value;
+  t.shear2 = add_lanes(shear2) - t.shear_mean * first[3] - t.shear_gain * shear_value;
 }
 
 /// Sums over the right patch at a shift and shear.
 struct Sums {
   float value_right = 0, shift_right = 0, shear_right = 0;  // the template's times right
-  float right = 0, right2 = 0;                              // right and its square
-
-  float variance(float count) const { return right2 - right * right / count; }
+  float variance = 0;                                       // of right, times the number of samples
 };
 
 /// Right patch with row j moved by shift + shear * j columns; false if it runs off the strip.
 SWEEPKIT_ALWAYS_INLINE bool compare(const Template& t, const Strip& right, int rows, float shift, float shear,
                                     Sums& sums) {
+  // Lagrange's cubic through columns -1, 0, 1, 2: weights of all rows at once.
+  alignas(32) float weight[4][kRowLanes];
+  alignas(32) int whole[kRowLanes];
+  for (int j = 0; j < kRowLanes; j += 8) {
+    IntLanes offset;
+    Lanes numbers;
+    row_numbers(j, rows, numbers);
+    std::memcpy(&offset, right.offset + j, sizeof(offset));
+    Lanes x = numbers * shear + shift - __builtin_convertvector(offset, Lanes);
+    const Lanes low = Lanes{} - (kReach + 1), high = Lanes{} + (kReach + 1);
+    x = x > low ? x : low;  // also what is not a number
+    x = x < high ? x : high;
+    const IntLanes floor = __builtin_convertvector(x + (kReach + 1), IntLanes) - (kReach + 1);
+    const Lanes f = x - __builtin_convertvector(floor, Lanes);
+    const Lanes a = f * (f - 1), b = (f + 1) * (f - 2);
+    const Lanes w[4] = {a * (2 - f) * (1.0f / 6), b * (f - 1) * 0.5f, b * f * -0.5f,
+                        a * (f + 1) * (1.0f / 6)};
+    for (int k = 0; k < 4; ++k) std::memcpy(weight[k] + j, &w[k], sizeof(Lanes));
+    std::memcpy(whole + j, &floor, sizeof(floor));
+  }
   Lanes value_right = {}, shift_right = {}, shear_right = {}, sum = {}, sum2 = {};
   for (int j = 0; j < rows; ++j) {
-    const float x = shift + shear * static_cast<float>(j - rows / 2) - static_cast<float>(right.offset[j]);
-    if (!(x >= -kReach && x < kReach)) return false;
-    const int whole = static_cast<int>(x + kReach) - kReach;  // floor
-    const float f = x - static_cast<float>(whole);
-    // Lagrange's cubic through columns -1, 0, 1, 2.
-    const float w0 = -f * (f - 1) * (f - 2) * (1.0f / 6), w1 = (f + 1) * (f - 1) * (f - 2) * 0.5f,
-                w2 = -(f + 1) * f * (f - 2) * 0.5f, w3 = (f + 1) * f * (f - 1) * (1.0f / 6);
-    const float* p = right.value[j] + kPatch + whole;
+    if (whole[j] < -kReach || whole[j] >= kReach) return false;
+    const float* p = right.value[j] + kPatch + whole[j];
     Lanes a, r, c, d;
     load(p - 1, a);
     load(p, r);
     load(p + 1, c);
     load(p + 2, d);
-    r = a * w0 + r * w1 + c * w2 + d * w3;
+    r = (a * weight[0][j] + r * weight[1][j]) + (c * weight[2][j] + d * weight[3][j]);
+    const Lanes dr = t.by_shift[j] * r;
     value_right += t.value[j] * r;
-    shift_right += t.by_shift[j] * r;
-    shear_right += t.by_shear[j] * r;
+    shift_right += dr;
+    shear_right += dr * static_cast<float>(j - rows / 2);
     sum += r;
     sum2 += r * r;
   }
-  sums = {add_lanes(value_right), add_lanes(shift_right), add_lanes(shear_right), add_lanes(sum),
-          add_lanes(sum2)};
+  const HalfLanes s = add_lanes(value_right, shift_right, shear_right, sum);
+  sums.value_right = s[0] - t.mean * s[3];
+  sums.shift_right = s[1] - t.shift_mean * s[3] - t.shift_gain * sums.value_right;
+  sums.shear_right = s[2] - t.shear_mean * s[3] - t.shear_gain * sums.value_right;
+  sums.variance = add_lanes(sum2) - s[3] * s[3] / t.count;
   return true;
 }
 
-/// The same at a whole number of columns, for the correlation alone.
-SWEEPKIT_ALWAYS_INLINE Sums compare_whole(const Template& t, const Strip& right, int rows, int whole) {
+/// Correlation at a whole number of columns.
+SWEEPKIT_ALWAYS_INLINE float correlation(const Template& t, const Strip& right, int rows, int whole) {
   Lanes value_right = {}, sum = {}, sum2 = {};
   for (int j = 0; j < rows; ++j) {
     Lanes r;
@@ -164,7 +203,9 @@ SWEEPKIT_ALWAYS_INLINE Sums compare_whole(const Template& t, const Strip& right,
     sum += r;
     sum2 += r * r;
   }
-  return {.value_right = add_lanes(value_right), .right = add_lanes(sum), .right2 = add_lanes(sum2)};
+  const HalfLanes s = add_lanes(value_right, sum, sum2, sum2);
+  const float variance = s[2] - s[1] * s[1] / t.count;
+  return variance > 0 ? (s[0] - t.mean * s[1]) / std::sqrt(variance * t.variance) : -2.0f;
 }
 
 struct Shift {
@@ -176,19 +217,19 @@ struct Shift {
 
 /// Finds shift and shear; false without texture or when they run off the strip.
 /// @param reach whole columns to search first; 0 starts at the middle
+/// @param precision smaller steps are the last [samples]
 SWEEPKIT_ALWAYS_INLINE bool find_shift(const Strip& left, const Strip& right, int rows, int reach,
-                                       const PatchRefinement::Options& options, Shift& shift) {
+                                       float precision, const PatchRefinement::Options& options,
+                                       Shift& shift) {
   Template t;
   prepare(left, rows, t);
   if (!(t.variance > 0) || !(t.shift2 > 0)) return false;
   if (reach > 0) {
     float best = -2;
     for (int s = -reach; s <= std::min(reach, kReach - 1); ++s) {
-      const Sums sums = compare_whole(t, right, rows, s);
-      const float variance = sums.variance(t.count);
-      const float correlation = variance > 0 ? sums.value_right / std::sqrt(variance) : -2.0f;
-      if (correlation > best) {
-        best = correlation;
+      const float c = correlation(t, right, rows, s);
+      if (c > best) {
+        best = c;
         shift.columns = static_cast<float>(s);
       }
     }
@@ -198,24 +239,24 @@ SWEEPKIT_ALWAYS_INLINE bool find_shift(const Strip& left, const Strip& right, in
   // A prior of shear 0 holds it where texture does not tell.
   const float prior = (noise * noise + 0.01f) / (shear_sigma * shear_sigma);
   const float shear2 = t.shear2 + prior;
-  const float inverse = 1 / (t.shift2 * shear2 - t.both * t.both);
+  const float inverse = 1 / (t.shift2 * shear2 - t.both * t.both), inverse_variance = 1 / t.variance;
   if (!(inverse > 0)) return false;
   Sums sums;
+  float gain = 0;
   for (int k = 0; k < options.iterations; ++k) {
     if (!compare(t, right, rows, shift.columns, shift.shear, sums)) return false;
-    const float gain = sums.value_right / t.variance;
-    if (!(gain > 0.1f)) return false;
+    gain = sums.value_right * inverse_variance;
+    if (!(gain > 0.1f) || !(sums.variance > 0)) return false;
     const float a = -sums.shift_right / gain, b = -sums.shear_right / gain - prior * shift.shear;
     const float step = std::clamp((a * shear2 - b * t.both) * inverse, -0.75f, 0.75f);
     shift.columns += step;
     shift.shear += std::clamp((b * t.shift2 - a * t.both) * inverse, -0.2f, 0.2f);
-    if (std::abs(step) < 0.005f) break;
+    if (!(std::abs(shift.shear) < kMaxShear)) return false;
+    if (std::abs(step) < precision) break;
   }
-  if (!compare(t, right, rows, shift.columns, shift.shear, sums)) return false;
-  const float variance = sums.variance(t.count), gain = sums.value_right / t.variance;
-  if (!(variance > 0) || !(gain > 0.1f)) return false;
-  const float residual = std::max(variance - gain * sums.value_right, 0.0f) / (t.count - 4);
-  shift.correlation = sums.value_right / std::sqrt(variance * t.variance);
+  // The last step was too small to change what is said about the patches, or there were too many.
+  const float residual = std::max(sums.variance - gain * sums.value_right, 0.0f) / (t.count - 4);
+  shift.correlation = sums.value_right / std::sqrt(sums.variance * t.variance);
   shift.sigma = std::sqrt((residual + noise * noise) * shear2 * inverse) / gain;
   return true;
 }
@@ -240,8 +281,9 @@ struct Result {
 template <class Sampler>
 SWEEPKIT_ALWAYS_INLINE bool refine_on_level(const Pair& pair, const ImagePyramid& left_pyramid,
                                             const ImagePyramid& right_pyramid, int level, const Result& start,
-                                            int reach, const PatchRefinement::Options& options,
-                                            Strips& strips, Result& result) {
+                                            int reach, float precision,
+                                            const PatchRefinement::Options& options, Strips& strips,
+                                            Result& result) {
   const GrayView left = left_pyramid.level(level), right = right_pyramid.level(level);
   const Vec2<float> scale(left_pyramid.scale_x(level), left_pyramid.scale_y(level));
   // The left patch sits on whole pixels of the level, its middle (column -0.5) as near to the key point as
@@ -286,7 +328,8 @@ SWEEPKIT_ALWAYS_INLINE bool refine_on_level(const Pair& pair, const ImagePyramid
       !read_strip<Sampler>(right, at_right, options.radius, start.shear, strips.right))
     return false;
   Shift shift{.columns = 0, .shear = start.shear, .sigma = 0, .correlation = 0};
-  if (!find_shift(strips.left, strips.right, 2 * options.radius + 1, reach, options, shift)) return false;
+  if (!find_shift(strips.left, strips.right, 2 * options.radius + 1, reach, precision, options, shift))
+    return false;
   result.disparity = disparity - (offset + shift.columns) * scale.x() + shift.shear * rows_below;
   result.shear = shift.shear;
   result.sigma = shift.sigma * scale.x();
@@ -327,15 +370,17 @@ SWEEPKIT_ALWAYS_INLINE void refine_all(const StereoRig& rig, const PatchRefineme
     }
     const int level = std::min(l.octave, left_pyramid.levels() - 1);
     const float scale = left_pyramid.scale_x(level);
+    const bool finish = level > 0 && options.finish_on_full_image;
     Result result;
     if (!refine_on_level<Sampler>(pair, left_pyramid, right_pyramid, level, {.disparity = match.disparity},
-                                  reach, options, strips, result)) {
+                                  reach, finish ? 0.1f : 0.02f, options, strips, result)) {
       clear_match(match);
       continue;
     }
-    if (level > 0 && options.finish_on_full_image) {
+    if (finish) {
       Result full;
-      if (refine_on_level<Sampler>(pair, left_pyramid, right_pyramid, 0, result, 0, options, strips, full) &&
+      if (refine_on_level<Sampler>(pair, left_pyramid, right_pyramid, 0, result, 0, 0.02f, options, strips,
+                                   full) &&
           full.sigma < result.sigma && full.correlation >= options.min_correlation)
         result = full;
     }
