@@ -12,7 +12,7 @@ constexpr const char* kPathColor = "#1766b0";
 constexpr const char* kKeyframeColor = "#c2571a";
 constexpr std::size_t kMostMapPoints = 20000;
 constexpr int kFewObservations = 3;  // points seen by fewer keyframes are not drawn
-constexpr double kOutlyingShare = 0.01;
+constexpr double kOutlyingShare = 0.03;
 
 // The box that leaves out the outermost points of each direction, lest a far one shrinks the rest to nothing.
 PositionBox inner_box(const std::vector<Vec3<double>>& points) {
