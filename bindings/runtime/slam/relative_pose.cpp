@@ -105,8 +105,8 @@ std::vector<PoseObservation> observations_near(const RectifiedCamera& camera, co
 
 }  // namespace
 
-std::optional<RelativePose> relative_pose(const RectifiedCamera& camera, const StereoFrame& a,
-                                          const StereoFrame& b, const RelativePoseOptions& options) {
+std::optional<RelativePoseEstimate> relative_pose(const RectifiedCamera& camera, const StereoFrame& a,
+                                                  const StereoFrame& b, const RelativePoseOptions& options) {
   check_options(options);
   const StereoPoints points = stereo_points(camera, a, options.max_depth_uncertainty);
   const std::optional<SE3d> T_b_a = coarse_pose(camera, points, b, options);
@@ -115,10 +115,10 @@ std::optional<RelativePose> relative_pose(const RectifiedCamera& camera, const S
   std::vector<std::uint8_t> inlier;
   const PoseResult pose = solve_pose(camera, *T_b_a, observations, options.pose, inlier);
   if (!pose.usable() || pose.inliers < options.min_inliers) return std::nullopt;
-  return RelativePose{.T_a_b = pose.T_camera_world.inverse(),
-                      .covariance = pose.covariance,
-                      .matches = static_cast<int>(observations.size()),
-                      .inliers = pose.inliers};
+  return RelativePoseEstimate{.T_a_b = pose.T_camera_world.inverse(),
+                              .covariance = pose.covariance,
+                              .matches = static_cast<int>(observations.size()),
+                              .inliers = pose.inliers};
 }
 
 }  // namespace sweepkit

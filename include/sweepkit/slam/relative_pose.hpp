@@ -38,7 +38,7 @@ struct RelativePoseOptions {
 };
 
 /// How one stereo frame stands to another.
-struct RelativePose {
+struct RelativePoseEstimate {
   SE3d T_a_b;               ///< rectified left camera of b to that of a
   Mat6<double> covariance;  ///< of xi in T_a_b * Exp(xi), (rho, phi) in the camera b's axes [m^2, rad^2]
   int matches = 0;          ///< stereo points of a found in b
@@ -50,7 +50,8 @@ struct RelativePose {
 /// PnP, then a second search by projection and a robust pose. Deterministic.
 /// @param a, b measurements, descriptors and grid must be set, as Frontend does
 /// @return nothing if too few points agree
-std::optional<RelativePose> relative_pose(const RectifiedCamera& camera, const StereoFrame& a,
-                                          const StereoFrame& b, const RelativePoseOptions& options = {});
+std::optional<RelativePoseEstimate> relative_pose(const RectifiedCamera& camera, const StereoFrame& a,
+                                                  const StereoFrame& b,
+                                                  const RelativePoseOptions& options = {});
 
 }  // namespace sweepkit
