@@ -8,14 +8,16 @@
 
 #include "sweepkit/core/simd.hpp"
 #include "sweepkit/core/view.hpp"
+#include "sweepkit/geometry/so3.hpp"
 
-/// Inlined into a portable and an AVX2 function alike, which so do the same operations in the same order.
+/// Inlined into a portable and an AVX2 function alike, which so do the same
+/// operations in the same order.
 #define SWEEPKIT_ALWAYS_INLINE [[gnu::always_inline]] inline
 
 namespace sweepkit {
 
-/// Eight floats: one AVX2 register, or two SSE ones. Sums over patches keep eight partial sums in either
-/// case.
+/// Eight floats: one AVX2 register, or two SSE ones. Sums over patches keep
+/// eight partial sums in either case.
 using Lanes = float __attribute__((vector_size(32)));
 using IntLanes = int __attribute__((vector_size(32)));
 using HalfLanes = float __attribute__((vector_size(16)));
@@ -58,6 +60,23 @@ SWEEPKIT_ALWAYS_INLINE void widen(const std::uint8_t* pixels, float* values) {
 /// Sixteen samples at (x, y), (x + step_x, y + step_y), ... by bilinear interpolation. All positions must lie
 /// at least 1 px inside the image.
 struct PortableSampler {
+  /// Rows of sixteen pixels, row j from `first + j * stride + offset[j]`.
+  static void copy_rows(const std::uint8_t* first, std::ptrdiff_t stride, const int* offset, int rows,
+                        float (*values)[16]) {
+    for (int j = 0; j < rows; ++j, first += stride)
+      for (int i = 0; i < 16; ++i) values[j][i] = first[offset[j] + i];
+  }
+
+  /// Rows of sixteen samples, sample i of row j at `origin + (offset[j] + i) * step_u + j * step_v`.
+  static void bilinear_rows(const GrayView& image, const Vec2<float>& origin, const Vec2<float>& step_u,
+                            const Vec2<float>& step_v, const int* offset, int rows, float (*values)[16]) {
+    for (int j = 0; j < rows; ++j) {
+      const auto u = static_cast<float>(offset[j]), v = static_cast<float>(j);
+      bilinear(image, origin.x() + v * step_v.x() + u * step_u.x(),
+               origin.y() + v * step_v.y() + u * step_u.y(), step_u.x(), step_u.y(), values[j]);
+    }
+  }
+
   static void bilinear(const GrayView& image, float x, float y, float step_x, float step_y, float* values) {
     for (int i = 0; i < 16; ++i) {
       const float xs = x + static_cast<float>(i) * step_x, ys = y + static_cast<float>(i) * step_y;
@@ -75,17 +94,37 @@ struct PortableSampler {
 #ifdef SWEEPKIT_HAVE_AVX2
 /// The same, eight samples at once.
 struct Avx2Sampler {
+  SWEEPKIT_TARGET_AVX2 static void copy_rows(const std::uint8_t* first, std::ptrdiff_t stride,
+                                             const int* offset, int rows, float (*values)[16]) {
+    for (int j = 0; j < rows; ++j, first += stride) {
+      const __m128i bytes = impl::load_16(first + offset[j]);
+      _mm256_storeu_ps(values[j], _mm256_cvtepi32_ps(_mm256_cvtepu8_epi32(bytes)));
+      _mm256_storeu_ps(values[j] + 8, _mm256_cvtepi32_ps(_mm256_cvtepu8_epi32(_mm_srli_si128(bytes, 8))));
+    }
+  }
+
+  SWEEPKIT_TARGET_AVX2 static void bilinear_rows(const GrayView& image, const Vec2<float>& origin,
+                                                 const Vec2<float>& step_u, const Vec2<float>& step_v,
+                                                 const int* offset, int rows, float (*values)[16]) {
+    const float ux = step_u.x(), uy = step_u.y(), vx = step_v.x(), vy = step_v.y(), x = origin.x(),
+                y = origin.y();
+    const bool flat = is_flat(image, ux, uy);
+    for (int j = 0; j < rows; ++j) {
+      const auto u = static_cast<float>(offset[j]), v = static_cast<float>(j);
+      const float row_x = x + v * vx + u * ux, row_y = y + v * vy + u * uy;
+      if (flat)
+        sample<shuffle>(image, row_x, row_y, ux, uy, values[j]);
+      else
+        sample<gather>(image, row_x, row_y, ux, uy, values[j]);
+    }
+  }
+
   SWEEPKIT_TARGET_AVX2 static void bilinear(const GrayView& image, float x, float y, float step_x,
                                             float step_y, float* values) {
-    // Along a nearly horizontal line eight samples lie in 3 rows of 16 pixels, which bytes are shuffled from.
-    if (step_x > 0 && step_x < 1.9f && std::abs(step_y) < 0.125f && image.width >= 16)
-      sample(image, x, y, step_x, step_y, values,
-             [](const GrayView& g, __m256i xi, __m256i yi, Pixels& p)
-                 SWEEPKIT_TARGET_AVX2 { shuffle(g, xi, yi, p); });
+    if (is_flat(image, step_x, step_y))
+      sample<shuffle>(image, x, y, step_x, step_y, values);
     else
-      sample(image, x, y, step_x, step_y, values,
-             [](const GrayView& g, __m256i xi, __m256i yi, Pixels& p)
-                 SWEEPKIT_TARGET_AVX2 { gather(g, xi, yi, p); });
+      sample<gather>(image, x, y, step_x, step_y, values);
   }
 
  private:
@@ -93,10 +132,14 @@ struct Avx2Sampler {
     __m256i a, b, c, d;  // left, right; those below
   };
 
-  template <class Fetch>
+  // Along a nearly horizontal line eight samples lie in 3 rows of 16 pixels, which bytes are shuffled from.
+  static bool is_flat(const GrayView& image, float step_x, float step_y) {
+    return step_x > 0 && step_x < 1.9f && std::abs(step_y) < 0.125f && image.width >= 16;
+  }
+
+  template <void (*fetch)(const GrayView&, __m256i, __m256i, Pixels&)>
   SWEEPKIT_TARGET_AVX2 SWEEPKIT_ALWAYS_INLINE static void sample(const GrayView& image, float x, float y,
-                                                                 float step_x, float step_y, float* values,
-                                                                 const Fetch& fetch) {
+                                                                 float step_x, float step_y, float* values) {
     const __m256 sx = _mm256_set1_ps(step_x), sy = _mm256_set1_ps(step_y);
     __m256 ramp = _mm256_setr_ps(0, 1, 2, 3, 4, 5, 6, 7);
     for (int i = 0; i < 16; i += 8, ramp = _mm256_add_ps(ramp, _mm256_set1_ps(8))) {

@@ -21,6 +21,9 @@ constexpr int kMaxRows = 2 * kMaxRadius + 1;
 constexpr int kPatch = 4;
 constexpr int kStripColumns = 16;
 constexpr int kReach = 3;
+constexpr float kGoodCorrelation = 0.9f;
+// Where level 0 finishes, fewer rows and a step or two tell where to start there.
+constexpr int kCoarseRadius = 4;
 constexpr float kMaxShear = 4;  // columns a row
 constexpr int kOffsetBase = 32;
 static_assert(kOffsetBase > kMaxRadius * kMaxShear + 1);
@@ -65,8 +68,7 @@ SWEEPKIT_ALWAYS_INLINE bool read_strip(const GrayView& image, const Lattice& lat
   if (lattice.aligned) {
     const int x = static_cast<int>(lattice.origin.x()), y = static_cast<int>(lattice.origin.y());
     if (x + left < 0 || x + right >= image.width || y < radius || y + radius >= image.height) return false;
-    for (int j = 0; j < rows; ++j)
-      widen<kStripColumns>(image.row(y + j - radius) + x + kFirst + strip.offset[j], strip.value[j]);
+    Sampler::copy_rows(image.row(y - radius) + x + kFirst, image.stride, strip.offset, rows, strip.value);
     return true;
   }
   for (const int i : {left, right})
@@ -75,12 +77,9 @@ SWEEPKIT_ALWAYS_INLINE bool read_strip(const GrayView& image, const Lattice& lat
       const float y = lattice.origin.y() + i * lattice.step_u.y() + j * lattice.step_v.y();
       if (!(x >= 1 && y >= 1 && x < image.width - 2 && y < image.height - 2)) return false;
     }
-  for (int j = 0; j < rows; ++j) {
-    const int i = kFirst + strip.offset[j], row = j - radius;
-    Sampler::bilinear(image, lattice.origin.x() + row * lattice.step_v.x() + i * lattice.step_u.x(),
-                      lattice.origin.y() + row * lattice.step_v.y() + i * lattice.step_u.y(),
-                      lattice.step_u.x(), lattice.step_u.y(), strip.value[j]);
-  }
+  const Vec2<float> first = lattice.origin - static_cast<float>(radius) * lattice.step_v +
+                            static_cast<float>(kFirst) * lattice.step_u;
+  Sampler::bilinear_rows(image, first, lattice.step_u, lattice.step_v, strip.offset, rows, strip.value);
   return true;
 }
 
@@ -208,6 +207,24 @@ SWEEPKIT_ALWAYS_INLINE float correlation(const Template& t, const Strip& right, 
   return variance > 0 ? (s[0] - t.mean * s[1]) / std::sqrt(variance * t.variance) : -2.0f;
 }
 
+/// Whole columns at which the patches correlate best, climbing from the middle unless that is good already.
+SWEEPKIT_ALWAYS_INLINE int search(const Template& t, const Strip& right, int rows, int reach) {
+  float best = correlation(t, right, rows, 0);
+  if (best >= kGoodCorrelation) return 0;
+  const float up = correlation(t, right, rows, 1), down = correlation(t, right, rows, -1);
+  if (!(std::max(up, down) > best)) return 0;
+  best = std::max(up, down);
+  const int step = up > down ? 1 : -1;
+  int at = step;
+  while (std::abs(at + step) <= reach && at + step < kReach) {
+    const float c = correlation(t, right, rows, at + step);
+    if (!(c > best)) break;
+    best = c;
+    at += step;
+  }
+  return at;
+}
+
 struct Shift {
   float columns;      // to add to the place in the right image [samples]
   float shear;        // columns a row
@@ -216,7 +233,7 @@ struct Shift {
 };
 
 /// Finds shift and shear; false without texture or when they run off the strip.
-/// @param reach whole columns to search first; 0 starts at the middle
+/// @param reach whole columns to climb to first; 0 starts at the middle
 /// @param precision smaller steps are the last [samples]
 SWEEPKIT_ALWAYS_INLINE bool find_shift(const Strip& left, const Strip& right, int rows, int reach,
                                        float precision, const PatchRefinement::Options& options,
@@ -224,16 +241,7 @@ SWEEPKIT_ALWAYS_INLINE bool find_shift(const Strip& left, const Strip& right, in
   Template t;
   prepare(left, rows, t);
   if (!(t.variance > 0) || !(t.shift2 > 0)) return false;
-  if (reach > 0) {
-    float best = -2;
-    for (int s = -reach; s <= std::min(reach, kReach - 1); ++s) {
-      const float c = correlation(t, right, rows, s);
-      if (c > best) {
-        best = c;
-        shift.columns = static_cast<float>(s);
-      }
-    }
-  }
+  if (reach > 0) shift.columns = static_cast<float>(search(t, right, rows, reach));
   const auto noise = static_cast<float>(options.image_noise),
              shear_sigma = static_cast<float>(options.shear_sigma);
   // A prior of shear 0 holds it where texture does not tell.
@@ -277,13 +285,20 @@ struct Result {
   float disparity = 0, shear = 0, sigma = 0, correlation = 0;
 };
 
+/// @param skew height of a row on the level against the width of a column
+SWEEPKIT_ALWAYS_INLINE void set_steps(const Eigen::Matrix2f& map, float skew, Lattice& lattice) {
+  lattice.step_u = {map(0, 0), map(1, 0) / skew};
+  lattice.step_v = {map(0, 1) * skew, map(1, 1)};
+}
+
 /// Refines on one level from the disparity and shear of `start`; false if that fails.
+/// @param coarse only as well as level 0 needs for a start
 template <class Sampler>
 SWEEPKIT_ALWAYS_INLINE bool refine_on_level(const Pair& pair, const ImagePyramid& left_pyramid,
                                             const ImagePyramid& right_pyramid, int level, const Result& start,
-                                            int reach, float precision,
-                                            const PatchRefinement::Options& options, Strips& strips,
-                                            Result& result) {
+                                            int reach, bool coarse, const PatchRefinement::Options& options,
+                                            Strips& strips, Result& result) {
+  const int radius = coarse ? std::min(kCoarseRadius, options.radius) : options.radius;
   const GrayView left = left_pyramid.level(level), right = right_pyramid.level(level);
   const Vec2<float> scale(left_pyramid.scale_x(level), left_pyramid.scale_y(level));
   // The left patch sits on whole pixels of the level, its middle (column -0.5) as near to the key point as
@@ -292,7 +307,7 @@ SWEEPKIT_ALWAYS_INLINE bool refine_on_level(const Pair& pair, const ImagePyramid
                              std::round(left_pyramid.to_level_y(level, pair.left_pixel.y()))},
                   .step_u = {1, 0},
                   .step_v = {0, 1},
-                  .aligned = pair.aligned};
+                  .aligned = coarse || pair.aligned};
   const Vec2<float> center(left_pyramid.to_full_x(level, at_left.origin.x()),
                            left_pyramid.to_full_y(level, at_left.origin.y()));
   const Vec2<float> rectified = pair.left_rectified + pair.J_left * (center - pair.left_pixel);
@@ -306,33 +321,32 @@ SWEEPKIT_ALWAYS_INLINE bool refine_on_level(const Pair& pair, const ImagePyramid
       .step_u = {1, 0},
       .step_v = {0, 1},
       .aligned = pair.aligned};
-  // Columns of both grids are scale.x() rectified pixels wide, rows scale.y() high.
+  // Both grids have columns scale.x() rectified pixels wide and rows scale.y() high. A coarse comparison
+  // leaves the left pixels where they are and lets the right grid follow.
   if (!pair.aligned) {
-    at_left.step_u = pair.J_left_inverse.col(0);
-    at_left.step_v = pair.J_left_inverse.col(1);
-    at_right.step_u = pair.J_right_inverse.col(0);
-    at_right.step_v = pair.J_right_inverse.col(1);
     const float skew = scale.y() / scale.x();
-    for (Lattice* l : {&at_left, &at_right}) {
-      l->step_u.y() /= skew;
-      l->step_v.x() *= skew;
-    }
+    if (!coarse) set_steps(pair.J_left_inverse, skew, at_left);
+    set_steps(coarse ? Eigen::Matrix2f(pair.J_right_inverse * pair.J_left) : pair.J_right_inverse, skew,
+              at_right);
   }
+  const float column_width = coarse ? pair.J_left(0, 0) : 1.0f;
   // Along the epipolar line to a whole column, so that the same pixels are read at the same fractions.
   const float column = std::round(at_right.origin.x());
-  const float offset = (column - at_right.origin.x()) / at_right.step_u.x();
-  at_right.origin += offset * at_right.step_u;
+  const float offset = (column - at_right.origin.x()) / pair.J_right_inverse(0, 0);
+  at_right.origin +=
+      offset * Vec2<float>(pair.J_right_inverse(0, 0), pair.J_right_inverse(1, 0) * scale.x() / scale.y());
   if (pair.aligned) at_right.origin = {column, std::round(at_right.origin.y())};
 
-  if (!read_strip<Sampler>(left, at_left, options.radius, 0, strips.left) ||
-      !read_strip<Sampler>(right, at_right, options.radius, start.shear, strips.right))
+  if (!read_strip<Sampler>(left, at_left, radius, 0, strips.left) ||
+      !read_strip<Sampler>(right, at_right, radius, start.shear, strips.right))
     return false;
   Shift shift{.columns = 0, .shear = start.shear, .sigma = 0, .correlation = 0};
-  if (!find_shift(strips.left, strips.right, 2 * options.radius + 1, reach, precision, options, shift))
+  if (!find_shift(strips.left, strips.right, 2 * radius + 1, reach, coarse ? 0.5f : 0.05f, options, shift))
     return false;
-  result.disparity = disparity - (offset + shift.columns) * scale.x() + shift.shear * rows_below;
+  result.disparity =
+      disparity - (offset + shift.columns * column_width) * scale.x() + shift.shear * rows_below;
   result.shear = shift.shear;
-  result.sigma = shift.sigma * scale.x();
+  result.sigma = shift.sigma * column_width * scale.x();
   result.correlation = shift.correlation;
   return true;
 }
@@ -373,16 +387,20 @@ SWEEPKIT_ALWAYS_INLINE void refine_all(const StereoRig& rig, const PatchRefineme
     const bool finish = level > 0 && options.finish_on_full_image;
     Result result;
     if (!refine_on_level<Sampler>(pair, left_pyramid, right_pyramid, level, {.disparity = match.disparity},
-                                  reach, finish ? 0.1f : 0.02f, options, strips, result)) {
+                                  reach, finish, options, strips, result)) {
       clear_match(match);
       continue;
     }
     if (finish) {
       Result full;
-      if (refine_on_level<Sampler>(pair, left_pyramid, right_pyramid, 0, result, 0, 0.02f, options, strips,
-                                   full) &&
-          full.sigma < result.sigma && full.correlation >= options.min_correlation)
-        result = full;
+      if (!refine_on_level<Sampler>(pair, left_pyramid, right_pyramid, 0, result, 0, false, options, strips,
+                                    full) ||
+          !(full.correlation >= options.min_correlation) ||
+          !(std::abs(full.disparity - result.disparity) <= options.max_difference * scale)) {
+        clear_match(match);
+        continue;
+      }
+      result = full;
     }
     if (!(std::abs(result.disparity - match.disparity) <= options.max_shift * scale) ||
         !(result.disparity > 0) || !(result.correlation >= options.min_correlation) ||

@@ -35,7 +35,8 @@ struct GridCell {
 /// builds. Points keep their order within a cell, so queries are deterministic.
 class KeypointGrid {
  public:
-  explicit KeypointGrid(GridCell cell = {}) : cell_(cell) {
+  KeypointGrid() = default;
+  explicit KeypointGrid(GridCell cell) : cell_(cell) {
     require(cell.width >= 1 && cell.height >= 1, "KeypointGrid cell", "must be at least 1 px wide and high",
             std::min(cell.width, cell.height));
   }

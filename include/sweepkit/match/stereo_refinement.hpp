@@ -43,13 +43,14 @@ struct NoRefinement {
 ///
 /// Both patches are sampled on the grid of the rectified pair through the local affine map of each camera
 /// (inverse of the Jacobian of rectification), so that a column of the grid is a pixel of disparity; of a
-/// pair that is rectified already they are plain copies. Zero-mean normalised correlation over whole pixels
-/// finds where to start; inverse-compositional Gauss-Newton on disparity, gain and offset (Baker and Matthews
-/// 2004) finishes; a fourth unknown lets the disparity change from row to row, as it does on floors. The
-/// gradient is taken from the left patch alone and the right one is read by four-point Lagrange
+/// pair that is rectified already they are plain copies. Zero-mean normalised correlation, climbed in whole
+/// pixels, finds where to start; inverse-compositional Gauss-Newton on disparity, gain and offset (Baker and
+/// Matthews 2004) finishes; a fourth unknown lets the disparity change from row to row, as it does on floors.
+/// The gradient is taken from the left patch alone and the right one is read by four-point Lagrange
 /// interpolation, whose phase is right to fourth order: so neither noise nor interpolation draws the result
-/// to whole or half pixels, as the parabola through sums of absolute differences does. First on the pyramid
-/// level of the key point, then on level 0; the more certain result stays.
+/// to whole or half pixels, as the parabola through sums of absolute differences does. First roughly on
+/// the pyramid level of the key point, then on level 0, whose small patch lies on one surface more often;
+/// pairs that disagree between the two are removed.
 class PatchRefinement {
  public:
   struct Options {
@@ -59,6 +60,7 @@ class PatchRefinement {
     double max_shift = 3.0;
     double min_correlation = 0.8;
     double max_sigma = 0.5;
+    double max_difference = 0.5;
     double image_noise = 2.0;
     double sigma_floor = 0.05;
     double shear_sigma = 0.3;
@@ -78,6 +80,9 @@ class PatchRefinement {
         "pairs whose disparity is less certain, on the level of their octave, are removed: too little "
         "texture "
         "along the epipolar line");
+      v(max_difference, "max_difference", "px", range(0.01, 100.0),
+        "pairs whose disparities on the two levels differ by more, on the level of their octave, are "
+        "removed");
       v(image_noise, "image_noise", "", range(0.0, 50.0),
         "least standard deviation of a pixel's grey value to expect");
       v(sigma_floor, "sigma_floor", "px", range(0.0, 10.0),
@@ -86,7 +91,8 @@ class PatchRefinement {
       v(shear_sigma, "shear_sigma", "", range(0.001, 10.0),
         "change of disparity from row to row to expect, as on a floor: baseline / camera height [px a row]");
       v(finish_on_full_image, "finish_on_full_image", "", any_value(),
-        "refine once more on level 0, from the result on the level of the octave");
+        "refine on level 0, from a rough result on the level of the octave; pairs that fail there are "
+        "removed");
     }
   };
 
