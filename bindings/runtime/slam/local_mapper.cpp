@@ -82,6 +82,9 @@ KeyframeId LocalMapper::insert(KeyframeCandidate&& candidate) {
     it = next;
   }
   if (!parent.valid() && map_.find(frame.reference)) parent = frame.reference;
+  // Nothing ties it to the map but time: the newest keyframe.
+  for (std::uint32_t i = map_.keyframe_id_end(); !parent.valid() && i-- > 0;)
+    if (map_.find(KeyframeId{i})) parent = KeyframeId{i};
 
   Keyframe keyframe;
   keyframe.map = current_;

@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <cmath>
 #include <numbers>
+#include <tuple>
 #include <utility>
 
 namespace sweepkit {
@@ -64,9 +65,10 @@ TrackResult Tracker::track(StereoFrame& frame) {
 
   frame.T_camera_world = pose.T_camera_world;
   frame.covariance = pose.covariance;
-  set_reference(frame);
+  std::tie(frame.reference, frame.T_camera_reference) = refer(frame.T_camera_world);
   result.state = TrackingState::tracking;
-  result.wants_keyframe = options_.keyframe.wants_keyframe(situation(frame, result.points));
+  result.wants_keyframe =
+      frame.reference.valid() && options_.keyframe.wants_keyframe(situation(frame, result.points));
   keep_as_last(frame);
   return result;
 }
@@ -74,6 +76,8 @@ TrackResult Tracker::track(StereoFrame& frame) {
 TrackResult Tracker::start(StereoFrame& frame) {
   frame.T_camera_world = T_start_;
   if (count_certain(frame) < options_.min_start_points) return {};
+  // Until the mapper has made a copy, frames are tracked against the one before.
+  map_ = std::make_shared<LocalMap>();
   keep_as_last(frame);
   return {.state = TrackingState::tracking, .wants_keyframe = true, .starts_map = true};
 }
@@ -82,7 +86,7 @@ TrackResult Tracker::lose(StereoFrame& frame) {
   ++lost_frames_;
   std::fill(frame.points.begin(), frame.points.end(), PointId{});
   frame.T_camera_world = last_.T_camera_world;
-  set_reference(frame);
+  std::tie(frame.reference, frame.T_camera_reference) = refer(frame.T_camera_world);
   TrackResult result{.state = TrackingState::lost};
   if (lost_frames_ >= options_.restart_after && count_certain(frame) >= options_.min_start_points) {
     result.wants_keyframe = result.starts_map = true;
@@ -92,9 +96,10 @@ TrackResult Tracker::lose(StereoFrame& frame) {
   return result;
 }
 
-void Tracker::set_reference(StereoFrame& frame) const {
-  frame.reference = map_->newest;
-  frame.T_camera_reference = frame.T_camera_world * map_->find(map_->newest)->inverse();
+std::pair<KeyframeId, SE3d> Tracker::refer(const SE3d& T_camera_world) const {
+  const SE3d* T_reference_world = map_ ? map_->find(map_->newest) : nullptr;
+  if (!T_reference_world) return {};
+  return {map_->newest, T_camera_world * T_reference_world->inverse()};
 }
 
 void Tracker::keep_as_last(const StereoFrame& frame) {
@@ -146,7 +151,9 @@ PoseResult Tracker::find_pose(const StereoFrame& frame, const SE3d& T_predicted)
   for (int attempt = 0; attempt < 2; ++attempt, radius *= kWiderSearch) {
     const int searched = match_last_frame(frame, T_predicted, radius);
     pose = solve(frame, T_predicted);
-    if (pose.usable() && pose.inliers >= needed && pose.inliers > kFoundShare * searched) return pose;
+    // Once lost, the prediction is not to be trusted even where it seems to hold.
+    if (lost_frames_ == 0 && pose.usable() && pose.inliers >= needed && pose.inliers > kFoundShare * searched)
+      return pose;
   }
   const std::optional<SE3d> T_found = find_without_prior(frame);
   if (!T_found) return pose;

@@ -11,6 +11,7 @@
 #include <mutex>
 #include <string>
 #include <thread>
+#include <tuple>
 #include <utility>
 
 namespace sweepkit {
@@ -107,6 +108,7 @@ class Sweeper::Impl {
       const std::scoped_lock lock(queue_mutex_);
       if (images_.size() >= static_cast<std::size_t>(options_.image_queue)) {
         dropped = images_.front().t;
+        dropped_.push_back(*dropped);
         images_.pop_front();
       }
       images_.push_back(std::move(image));
@@ -225,12 +227,17 @@ class Sweeper::Impl {
     tracked.t = image.t;
     std::optional<KeyframeCandidate> candidate;
     if (image.left.empty() || image.right.empty()) {
-      pass_over(image, tracked);
+      tracked = pass_over(image.t);
+      tell_missing(image);
     } else {
       const auto scope = clock_.time(Stage::frame);
       candidate = track(image, tracked);
     }
     record(tracked);
+    {
+      const std::scoped_lock lock(state_mutex_);
+      ++counts_.images;
+    }
     if (frames_) frames_->on_frame(image, frame_, tracked);
     if (candidate) hand_over(std::move(*candidate));
   }
@@ -264,13 +271,18 @@ class Sweeper::Impl {
     return KeyframeCandidate{frame_, tracker_.take_counts(), result.starts_map};
   }
 
-  // One camera gave no image: the pose runs on as before.
-  void pass_over(const StereoImage& image, TrackedImage& tracked) {
-    if (const auto T_camera_world = tracker_.predict(image.t)) {
+  // An image that cannot be looked at still gets a pose: it runs on as before.
+  TrackedImage pass_over(TimeNs t) const {
+    TrackedImage tracked;
+    tracked.t = t;
+    if (const auto T_camera_world = tracker_.predict(t)) {
       tracked.T_map_body = T_camera_world->inverse() * T_camera_body_;
-      tracked.reference = tracker_.reference();
-      tracked.T_camera_reference = *T_camera_world * tracker_.T_reference_world().inverse();
+      std::tie(tracked.reference, tracked.T_camera_reference) = tracker_.refer(*T_camera_world);
     }
+    return tracked;
+  }
+
+  void tell_missing(const StereoImage& image) {
     {
       const std::scoped_lock lock(state_mutex_);
       ++counts_.images_missing;
@@ -302,7 +314,6 @@ class Sweeper::Impl {
     const std::scoped_lock lock(state_mutex_);
     history_.push_back(tracked);
     newest_sample_ = std::max(newest_sample_, tracked.t);
-    ++counts_.images;
   }
 
   bool mapper_has_room() {
@@ -364,12 +375,18 @@ class Sweeper::Impl {
   void run_tracking() {
     for (;;) {
       StereoImage image;
+      std::vector<TimeNs> dropped;  // since the last image, all before this one
       {
         std::unique_lock lock(queue_mutex_);
         queue_changed_.wait(lock, [this] { return finished_ || !images_.empty(); });
         if (images_.empty()) return;
         image = std::move(images_.front());
         images_.pop_front();
+        dropped.swap(dropped_);
+      }
+      for (const TimeNs t : dropped) {
+        TrackedImage tracked = pass_over(t);
+        record(tracked);
       }
       guard(image.t, "cameras", [&] { process(image); });
     }
@@ -417,6 +434,7 @@ class Sweeper::Impl {
   std::mutex queue_mutex_;
   std::condition_variable queue_changed_;
   std::deque<StereoImage> images_;
+  std::vector<TimeNs> dropped_;  // stamps of images that went unseen
   std::deque<KeyframeCandidate> candidates_;
   std::shared_ptr<const LocalMap> new_local_map_;
   bool finished_ = false;       // guarded by feed_mutex_ and queue_mutex_

@@ -93,9 +93,8 @@ class Tracker {
   std::optional<SE3d> predict(TimeNs t) const;
   /// Pose of the last frame tracked, in the map as it stands.
   const SE3d& last_T_camera_world() const { return last_.T_camera_world; }
-  /// The keyframe that poses refer to now, and its pose; with a map only.
-  KeyframeId reference() const { return map_->newest; }
-  const SE3d& T_reference_world() const { return *map_->find(map_->newest); }
+  /// The keyframe that poses refer to now (none before the first copy of the map), and a pose against it.
+  std::pair<KeyframeId, SE3d> refer(const SE3d& T_camera_world) const;
 
   /// Takes over the counts of predicted and found points since the last call.
   std::vector<PointCount> take_counts();
@@ -109,7 +108,6 @@ class Tracker {
 
   TrackResult start(StereoFrame& frame);
   TrackResult lose(StereoFrame& frame);
-  void set_reference(StereoFrame& frame) const;
   void keep_as_last(const StereoFrame& frame);
   bool certain(const Measurement& m) const;
   int count_certain(const StereoFrame& frame) const;

@@ -135,7 +135,7 @@ class Sweeper {
   const StereoRig& rig() const;
   const SweeperOptions& options() const;
   SweeperCounts counts() const;
-  /// Every image processed so far, from number `first` on.
+  /// Every image so far, from number `first` on, also those dropped: their poses are guesses.
   std::vector<TrackedImage> images(std::size_t first = 0) const;
   /// T_map_body of the image now, after all corrections of the map.
   SE3d optimized_pose(const TrackedImage& image) const;
