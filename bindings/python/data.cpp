@@ -217,6 +217,8 @@ void register_trajectories(py::module_& m) {
       .def_property_readonly("ape_m", [](const Evaluation& e) { return statistics_dict(e.ape_m); })
       .def_property_readonly("rotation_deg",
                              [](const Evaluation& e) { return statistics_dict(e.rotation_deg); })
+      .def_property_readonly("rotation_fitted_deg",
+                             [](const Evaluation& e) { return statistics_dict(e.rotation_fitted_deg); })
       .def_property_readonly("rpe_m",
                              [](const Evaluation& e) -> std::optional<py::dict> {
                                if (!e.rpe_m) return std::nullopt;

@@ -267,6 +267,42 @@ TEST_CASE("a path that does not determine the rotation is laid over by the first
   CHECK(std::abs(e.ape_m.max - 0.012) < 1e-9);  // mean of x is 0.998
 }
 
+TEST_CASE("fitted rotation errors are the least that any rotation of the world leaves") {
+  const auto [truth, estimate] = random_drive(5, 40, 0.02);
+  const Evaluation e = evaluate_trajectory(truth, estimate, with(AlignMode::none));
+  const auto sum_of_squares = [&](const SO3d& R) {
+    double sum = 0;
+    for (std::size_t i = 0; i < truth.size(); ++i)
+      sum += (truth[i].T_world_body.rotation().matrix() - (R * estimate[i].T_world_body.rotation()).matrix())
+                 .squaredNorm();
+    return sum;
+  };
+  // Chordal: |A - B|^2 = 8 sin^2(angle / 2).
+  double fitted = 0;
+  Evaluation first = evaluate_trajectory(truth, estimate, with(AlignMode::first));
+  CHECK(e.rotation_fitted_deg.rmse < first.rotation_deg.rmse);
+  CHECK(e.rotation_fitted_deg.rmse == Approx(first.rotation_fitted_deg.rmse).margin(1e-9));
+  // The minimum, found by descent from the first pose's rotation.
+  SO3d R = first.T_truth_estimate.rotation();
+  for (double step = 0.1; step > 1e-9; step *= 0.5)
+    for (bool better = true; better;) {
+      better = false;
+      for (int k = 0; k < 6; ++k) {
+        Vec3<double> turn = Vec3<double>::Zero();
+        turn[k / 2] = k % 2 ? step : -step;
+        if (sum_of_squares(SO3d::exp(turn) * R) < sum_of_squares(R)) {
+          R = SO3d::exp(turn) * R;
+          better = true;
+        }
+      }
+    }
+  for (std::size_t i = 0; i < truth.size(); ++i)
+    fitted += std::pow(
+        (truth[i].T_world_body.rotation().inverse() * R * estimate[i].T_world_body.rotation()).angle(), 2);
+  CHECK(e.rotation_fitted_deg.rmse ==
+        Approx(kDegrees * std::sqrt(fitted / static_cast<double>(truth.size()))).epsilon(1e-4));
+}
+
 TEST_CASE("relative errors by frames, by seconds and without overlap") {
   const auto [truth, estimate] = random_drive(8, 41, 0.02);
   CHECK(evaluate_trajectory(truth, estimate, with(AlignMode::se3, RpeUnit::frames, 1)).rpe_pairs == 40);

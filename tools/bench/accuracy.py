@@ -33,8 +33,8 @@ COLUMNS = [  # key, head, format
     ("frames", "frames", "{:.0f}"), ("lost", "lost", "{:.0f}"), ("lost_percent", "lost %", "{:.1f}"),
     ("dropped", "dropped", "{:.0f}"),
     ("live_mm", "live mm", "{:.2f}"), ("optimized_mm", "opt. mm", "{:.2f}"),
-    ("turn_deg", "rot. rms", "{:.3f}"), ("turn_max_deg", "rot. max", "{:.3f}"),
-    ("median_percent", "tr.med.%", "{:.3f}"), ("end_percent", "tr.end %", "{:.3f}"),
+    ("turn_deg", "rot. fit", "{:.3f}"), ("turn_first_deg", "rot. first", "{:.3f}"),
+    ("median_percent", "tr.med.%", "{:.3f}"), ("end_percent", "tr.end %", "{:.3f}"), ("end_se3_percent", "... se3 %", "{:.3f}"),
     ("turn_median_percent", "rot.med.%", "{:.4f}"), ("turn_end_percent", "rot.end %", "{:.4f}"),
     ("frame_ms", "frame ms", "{:.1f}"), ("memory_mb", "MB", "{:.0f}"),
 ]
@@ -63,9 +63,10 @@ def figures(programs, data, arguments, out, front=()):
         "frames": summary["frames"], "lost": summary["frames_lost"], "dropped": summary["frames_dropped"],
         "lost_percent": 100 * summary["frames_lost"] / max(1, summary["frames"]),
         "live_mm": 1e3 * live["ape_rmse_m"], "optimized_mm": 1e3 * optimized["ape_rmse_m"],
-        "turn_deg": first["rotation_rmse_deg"], "turn_max_deg": first["rotation_max_deg"],
+        "turn_deg": first["rotation_fitted_rmse_deg"], "turn_first_deg": first["rotation_rmse_deg"],
         "median_percent": first["translation_error_percent_median"],
         "end_percent": first["translation_error_percent_end"],
+        "end_se3_percent": live["translation_error_percent_end"],
         "turn_median_percent": first["rotation_error_percent_median"],
         "turn_end_percent": first["rotation_error_percent_end"],
         "frame_ms": summary["stages"]["frame"]["median_ms"], "memory_mb": summary["peak_memory_mb"],
@@ -81,7 +82,7 @@ def table(rows):
 
 
 def stereo(programs, data, out):
-    print("\nStereo alone, every frame in its turn. live, opt.: ATE, rms after an SE(3) alignment;\nrot. [deg] and per cent: the first pose aligned.")
+    print("\nStereo alone, every frame in its turn. live, opt.: ATE, rms after an SE(3) alignment;\nrot. [deg], rms: after the one rotation that fits best, and with the first pose aligned; per cent: first pose\naligned, and the end also after the SE(3) alignment.")
     rows, missed = [], []
     for name, folder, arguments, bounds in RUNS:
         place = out / folder.replace("/", "_")

@@ -4,6 +4,8 @@
 
 #include <fmt/format.h>
 
+#include <Eigen/LU>
+#include <Eigen/SVD>
 #include <algorithm>
 #include <cmath>
 #include <fstream>
@@ -99,6 +101,21 @@ void align(Evaluation& evaluation) {
     if (square > 0 && along > 0) evaluation.scale = along / square;
   }
   evaluation.T_truth_estimate = SE3d(R, mean_to - evaluation.scale * (R * mean_from));
+}
+
+/// Rotation errors [deg] after the rotation of the world that fits all orientations best.
+std::vector<double> fitted_rotation_errors(const std::vector<PosePair>& pairs) {
+  Mat3<double> sum = Mat3<double>::Zero();
+  for (const PosePair& pair : pairs)
+    sum += (pair.truth.rotation() * pair.estimate.rotation().inverse()).matrix();
+  const Eigen::JacobiSVD<Mat3<double>> svd(sum, Eigen::ComputeFullU | Eigen::ComputeFullV);
+  Vec3<double> signs = Vec3<double>::Ones();
+  signs.z() = (svd.matrixU() * svd.matrixV().transpose()).determinant();
+  const SO3d R(Mat3<double>(svd.matrixU() * signs.asDiagonal() * svd.matrixV().transpose()));
+  std::vector<double> degrees;
+  for (const PosePair& pair : pairs)
+    degrees.push_back((pair.truth.rotation().inverse() * R * pair.estimate.rotation()).angle() * kDegrees);
+  return degrees;
 }
 
 void relative_errors(Evaluation& evaluation) {
@@ -220,6 +237,7 @@ Evaluation evaluate_trajectory(const Trajectory& truth, const Trajectory& estima
   }
   evaluation.ape_m = error_statistics(std::move(metres));
   evaluation.rotation_deg = error_statistics(std::move(degrees));
+  evaluation.rotation_fitted_deg = error_statistics(fitted_rotation_errors(evaluation.pairs));
   evaluation.path_m = evaluation.pairs.back().path;
   evaluation.turned_deg = evaluation.pairs.back().turned * kDegrees;
   evaluation.coverage = coverage_of(truth, evaluation.pairs);
@@ -247,6 +265,7 @@ std::string to_json(const Evaluation& e) {
   put("turned_deg", e.turned_deg);
   put_statistics("ape", "m", e.ape_m);
   put_statistics("rotation", "deg", e.rotation_deg);
+  put_statistics("rotation_fitted", "deg", e.rotation_fitted_deg);
   put_statistics("rpe", "m", e.rpe_m);
   put_statistics("rpe", "deg", e.rpe_deg);
   json["rpe_pairs"] = e.rpe_pairs;
@@ -277,6 +296,7 @@ std::string to_table(const Evaluation& e) {
   };
   row("APE [m]", e.ape_m);
   row("rotation [deg]", e.rotation_deg);
+  row("... fitted [deg]", e.rotation_fitted_deg);
   const char* unit = e.options.rpe_unit == RpeUnit::frames    ? "frames"
                      : e.options.rpe_unit == RpeUnit::seconds ? "s"
                                                               : "m";

@@ -92,6 +92,10 @@ struct Evaluation {
 
   ErrorStatistics ape_m;         ///< absolute position errors [m]
   ErrorStatistics rotation_deg;  ///< absolute rotation errors [deg]
+  /// What is left of them after the one rotation of the world that fits all orientations best (chordal mean;
+  /// Hartley and others, Rotation Averaging, 2013): does not hang on the first pose, nor on a path that may
+  /// be a point [deg].
+  ErrorStatistics rotation_fitted_deg;
   std::size_t rpe_pairs = 0;
   std::optional<ErrorStatistics>
       rpe_m;  ///< relative errors, translation [m]; nothing if no pair is so far apart
