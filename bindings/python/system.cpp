@@ -179,6 +179,7 @@ RunResult run_interruptibly(const RunOptions& options, const py::object& progres
 
 void register_system(py::module_& m) {
   register_sweeper(m);
+  bind_options<PictureOptions>(m, "PictureOptions", "Pictures of frames with their key points.");
   bind_options<RunOptions>(m, "RunOptions", "The whole system on a recording.");
   py::class_<RunResult>(m, "RunResult", "How a run went.")
       .def_readonly("initialised", &RunResult::initialised, "There was a map at some time.")
