@@ -341,7 +341,7 @@ SWEEPKIT_ALWAYS_INLINE bool refine_on_level(const Pair& pair, const ImagePyramid
       !read_strip<Sampler>(right, at_right, radius, start.shear, strips.right))
     return false;
   Shift shift{.columns = 0, .shear = start.shear, .sigma = 0, .correlation = 0};
-  if (!find_shift(strips.left, strips.right, 2 * radius + 1, reach, coarse ? 0.5f : 0.05f, options, shift))
+  if (!find_shift(strips.left, strips.right, 2 * radius + 1, reach, coarse ? 0.3f : 0.05f, options, shift))
     return false;
   result.disparity =
       disparity - (offset + shift.columns * column_width) * scale.x() + shift.shear * rows_below;
@@ -400,7 +400,7 @@ SWEEPKIT_ALWAYS_INLINE void refine_all(const StereoRig& rig, const PatchRefineme
         clear_match(match);
         continue;
       }
-      result = full;
+      if (full.sigma < result.sigma) result = full;
     }
     if (!(std::abs(result.disparity - match.disparity) <= options.max_shift * scale) ||
         !(result.disparity > 0) || !(result.correlation >= options.min_correlation) ||

@@ -50,7 +50,7 @@ struct NoRefinement {
 /// interpolation, whose phase is right to fourth order: so neither noise nor interpolation draws the result
 /// to whole or half pixels, as the parabola through sums of absolute differences does. First roughly on
 /// the pyramid level of the key point, then on level 0, whose small patch lies on one surface more often;
-/// pairs that disagree between the two are removed.
+/// pairs that fail there or disagree between the two are removed, and the more certain result stays.
 class PatchRefinement {
  public:
   struct Options {
