@@ -155,6 +155,44 @@ TEST_CASE("SIMD and portable refinement agree to the bit") {
   }
 }
 
+TEST_CASE("SIMD and portable refinement agree to the bit along the image's edges") {
+  const StereoRig rig = unrectified_rig();
+  const AnalyticTexture texture(2, 10.3 / rig.baseline());
+  const PlaneView view(rig, plane(rig, 10.3, 0.01, 0.02), texture, 3);
+  Features<256> left, right;
+  std::vector<StereoMatch> start;
+  for (int y = 0; y < 400; y += 3)
+    for (int x = 0; x < 640; x += y < 24 || y > 375 ? 3 : x == 30 ? 570 : 3) {
+      const auto uv = rig.rectify(Side::left, Vec2<double>(x, y));
+      if (!uv) continue;
+      const Vec3<double> p = point_on_plane(rig, Side::left, *uv, view.normal);
+      const double d = rig.focal() * rig.baseline() / p.z();
+      const auto at = rig.unrectify(Side::right, Vec2<double>(uv->x() - d, uv->y()));
+      if (!at || !rig.camera(Side::right).contains(*at)) continue;
+      start.push_back({.right = static_cast<std::int32_t>(left.size()),
+                       .u_left = static_cast<float>(uv->x()),
+                       .v_left = static_cast<float>(uv->y()),
+                       .u_right = static_cast<float>(uv->x() - d),
+                       .disparity = static_cast<float>(d),
+                       .rectified = 1});
+      const std::int32_t octave = static_cast<std::int32_t>(left.size() % 3);
+      left.keypoints.push_back({.x = static_cast<float>(x), .y = static_cast<float>(y), .octave = octave});
+      right.keypoints.push_back(
+          {.x = static_cast<float>(at->x()), .y = static_cast<float>(at->y()), .octave = octave});
+    }
+  left.descriptors.resize(left.size());
+  right.descriptors.resize(right.size());
+  const PatchRefinement refinement(rig, {});
+  std::vector<StereoMatch> fast = start, portable = start;
+  refinement.refine(left, view.left, right, view.right, fast);
+  {
+    const ScopedSimdLevel level(SimdLevel::portable);
+    refinement.refine(left, view.left, right, view.right, portable);
+  }
+  CHECK(fast == portable);
+  CHECK(std::ranges::count_if(fast, &StereoMatch::found) > 1000);
+}
+
 TEST_CASE("refinement removes what has no texture or does not look alike") {
   const StereoRig rig = rectified_rig();
   const AnalyticTexture flat(1, 1, 0);

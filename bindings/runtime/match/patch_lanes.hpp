@@ -134,7 +134,7 @@ struct Avx2Sampler {
 
   // Along a nearly horizontal line eight samples lie in 3 rows of 16 pixels, which bytes are shuffled from.
   static bool is_flat(const GrayView& image, float step_x, float step_y) {
-    return step_x > 0 && step_x < 1.9f && std::abs(step_y) < 0.125f && image.width >= 16;
+    return step_x > 0 && step_x < 1.9f && std::abs(step_y) < 0.125f && image.width >= 16 && image.height >= 3;
   }
 
   template <void (*fetch)(const GrayView&, __m256i, __m256i, Pixels&)>
@@ -174,7 +174,7 @@ struct Avx2Sampler {
   SWEEPKIT_TARGET_AVX2 SWEEPKIT_ALWAYS_INLINE static void shuffle(const GrayView& image, __m256i xi,
                                                                   __m256i yi, Pixels& pixels) {
     const int x = std::min(_mm256_cvtsi256_si32(xi), image.width - 16),
-              y = std::min(_mm256_cvtsi256_si32(yi), _mm256_extract_epi32(yi, 7));
+              y = std::min({_mm256_cvtsi256_si32(yi), _mm256_extract_epi32(yi, 7), image.height - 3});
     const std::uint8_t* p = image.row(y) + x;
     const __m256i row0 = _mm256_broadcastsi128_si256(impl::load_16(p)),
                   row1 = _mm256_broadcastsi128_si256(impl::load_16(p + image.stride)),
