@@ -63,7 +63,7 @@ class Panel {
     svg += fmt::format(
         R"svg(<text transform="translate({:.1f} {:.1f}) rotate(-90)" text-anchor="middle">{}</text>)svg"
         "\n",
-        left_ - 46, top_ + height_ / 2, y_label);
+        left_ - 54, top_ + height_ / 2, y_label);
   }
 
   template <class Points>
