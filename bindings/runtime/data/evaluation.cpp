@@ -113,6 +113,7 @@ std::vector<double> fitted_rotation_errors(const std::vector<PosePair>& pairs) {
   signs.z() = (svd.matrixU() * svd.matrixV().transpose()).determinant();
   const SO3d R(Mat3<double>(svd.matrixU() * signs.asDiagonal() * svd.matrixV().transpose()));
   std::vector<double> degrees;
+  degrees.reserve(pairs.size());
   for (const PosePair& pair : pairs)
     degrees.push_back((pair.truth.rotation().inverse() * R * pair.estimate.rotation()).angle() * kDegrees);
   return degrees;

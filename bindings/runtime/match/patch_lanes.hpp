@@ -12,7 +12,7 @@
 
 /// Inlined into a portable and an AVX2 function alike, which so do the same
 /// operations in the same order.
-#define SWEEPKIT_ALWAYS_INLINE [[gnu::always_inline]] inline
+#define SWEEPKIT_ALWAYS_INLINE __attribute__((always_inline)) inline
 
 namespace sweepkit {
 
@@ -30,7 +30,6 @@ SWEEPKIT_ALWAYS_INLINE float add_lanes(const Lanes& x) {
 
 /// The same of four at once.
 SWEEPKIT_ALWAYS_INLINE HalfLanes add_lanes(const Lanes& a, const Lanes& b, const Lanes& c, const Lanes& d) {
-  using Index = int __attribute__((vector_size(16)));
   const auto fold = [](const Lanes& x) __attribute__((always_inline)) {
     HalfLanes low, high;
     std::memcpy(&low, &x, sizeof(low));
@@ -38,10 +37,11 @@ SWEEPKIT_ALWAYS_INLINE HalfLanes add_lanes(const Lanes& a, const Lanes& b, const
     return low + high;
   };
   const HalfLanes a4 = fold(a), b4 = fold(b), c4 = fold(c), d4 = fold(d);
-  const Index low = {0, 4, 1, 5}, high = {2, 6, 3, 7};
-  const HalfLanes ab = __builtin_shuffle(a4, b4, low) + __builtin_shuffle(a4, b4, high),
-                  cd = __builtin_shuffle(c4, d4, low) + __builtin_shuffle(c4, d4, high);
-  return __builtin_shuffle(ab, cd, Index{0, 1, 4, 5}) + __builtin_shuffle(ab, cd, Index{2, 3, 6, 7});
+  const HalfLanes ab = __builtin_shufflevector(a4, b4, 0, 4, 1, 5) +
+                       __builtin_shufflevector(a4, b4, 2, 6, 3, 7),
+                  cd = __builtin_shufflevector(c4, d4, 0, 4, 1, 5) +
+                       __builtin_shufflevector(c4, d4, 2, 6, 3, 7);
+  return __builtin_shufflevector(ab, cd, 0, 1, 4, 5) + __builtin_shufflevector(ab, cd, 2, 3, 6, 7);
 }
 
 /// Bytes to floats.

@@ -62,11 +62,11 @@ class MotionManifold final : public ceres::Manifold {
   }
 };
 
-// kRows 2: u and v; 3: the disparity too. Parameters are the pose, the point and, as kShared, the bias of
+// Rows 2: u and v; 3: the disparity too. Parameters are the pose, the point and, as Shared, the bias of
 // disparities. Switched off it is zero whatever the parameters.
-template <int kRows, int... kShared>
-class ReprojectionCost final : public ceres::SizedCostFunction<kRows, 7, 3, kShared...> {
-  static constexpr bool kBias = sizeof...(kShared) > 0;
+template <int Rows, int... Shared>
+class ReprojectionCost final : public ceres::SizedCostFunction<Rows, 7, 3, Shared...> {
+  static constexpr bool kBias = sizeof...(Shared) > 0;
 
  public:
   /// @param disparity_bias where it is no parameter
@@ -81,7 +81,7 @@ class ReprojectionCost final : public ceres::SizedCostFunction<kRows, 7, 3, kSha
   void switch_off() { on_ = false; }
 
   bool Evaluate(const double* const* parameters, double* residuals, double** jacobians) const override {
-    Eigen::Map<Eigen::Matrix<double, kRows, 1>> r(residuals);
+    Eigen::Map<Eigen::Matrix<double, Rows, 1>> r(residuals);
     const bool need_pose = jacobians && jacobians[0], need_point = jacobians && jacobians[1];
     const double* x = parameters[0];
     const Mat3<double> R = Eigen::Quaterniond(x[6], x[3], x[4], x[5]).toRotationMatrix();
@@ -94,8 +94,8 @@ class ReprojectionCost final : public ceres::SizedCostFunction<kRows, 7, 3, kSha
         on_ && reprojection_error(camera_, R, Vec3<double>(x[0], x[1], x[2]),
                                   Eigen::Map<const Vec3<double>>(parameters[1]), u_, v_, disparity, errors,
                                   need_pose ? &J_pose : nullptr, need_point ? &J_point : nullptr);
-    Eigen::Matrix<double, kRows, 1> weights = Eigen::Matrix<double, kRows, 1>::Constant(weight_);
-    if constexpr (kRows == 3) weights[2] = weight_disparity_;
+    Eigen::Matrix<double, Rows, 1> weights = Eigen::Matrix<double, Rows, 1>::Constant(weight_);
+    if constexpr (Rows == 3) weights[2] = weight_disparity_;
     if (!in_front) {
       // Behind the camera an observation costs ten standard deviations beyond all gates, but pulls no more.
       r.setConstant(on_ ? 30.0 : 0.0);
@@ -103,20 +103,20 @@ class ReprojectionCost final : public ceres::SizedCostFunction<kRows, 7, 3, kSha
       J_pose.setZero();
       J_point.setZero();
     } else {
-      r = weights.cwiseProduct(errors.template head<kRows>());
+      r = weights.cwiseProduct(errors.template head<Rows>());
     }
     if (need_pose) {
-      Eigen::Map<Eigen::Matrix<double, kRows, 7, Eigen::RowMajor>> J(jacobians[0]);
-      J.template leftCols<6>() = weights.asDiagonal() * J_pose.template topRows<kRows>();
+      Eigen::Map<Eigen::Matrix<double, Rows, 7, Eigen::RowMajor>> J(jacobians[0]);
+      J.template leftCols<6>() = weights.asDiagonal() * J_pose.template topRows<Rows>();
       J.col(6).setZero();
     }
     if (need_point) {
-      Eigen::Map<Eigen::Matrix<double, kRows, 3, Eigen::RowMajor>> J(jacobians[1]);
-      J = weights.asDiagonal() * J_point.template topRows<kRows>();
+      Eigen::Map<Eigen::Matrix<double, Rows, 3, Eigen::RowMajor>> J(jacobians[1]);
+      J = weights.asDiagonal() * J_point.template topRows<Rows>();
     }
     if constexpr (kBias) {
       if (jacobians && jacobians[2]) {
-        Eigen::Map<Eigen::Matrix<double, kRows, 1>> J(jacobians[2]);
+        Eigen::Map<Eigen::Matrix<double, Rows, 1>> J(jacobians[2]);
         J.setZero();
         if (in_front) J[2] = weight_disparity_;
       }
