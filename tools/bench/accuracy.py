@@ -5,8 +5,9 @@
 
     accuracy.py [--bin DIR] [--out DIR] [PART...]
 
-Parts: stereo (one run for each recording, in line), pairs (motion between two images alone), repeat (two runs, the same
-files), realtime (in line and at sensor time on one core, side by side). All of them without any. The recordings lie
+Parts: stereo (one run for each recording, in line), gyro (a standing recording's rotation and its truth's, both against
+the gyro), pairs (motion between two images alone), repeat (two runs, the same files), realtime (in line and at sensor
+time on one core, side by side). All of them without any. The recordings lie
 below the folder that SWEEPKIT_DATA names.
 """
 
@@ -18,6 +19,8 @@ import shutil
 import subprocess
 import sys
 import tempfile
+
+import numpy as np
 
 ROOT = pathlib.Path(__file__).resolve().parents[2]
 
@@ -94,6 +97,36 @@ def stereo(programs, data, out):
     return missed
 
 
+def rotation_vectors(quaternions):
+    """Rotation from the first orientation to each, small, as vectors in the first one's frame [rad]; rows are x y z w."""
+    x0, y0, z0, w0 = quaternions[0]
+    x, y, z, w = quaternions.T
+    scalar = w0 * w + x0 * x + y0 * y + z0 * z
+    vector = np.stack([w0 * x - x0 * w - y0 * z + z0 * y, w0 * y - y0 * w - z0 * x + x0 * z,
+                       w0 * z - z0 * w - x0 * y + y0 * x], 1)
+    return 2 * vector * np.sign(scalar)[:, None]
+
+
+def gyro(programs, data, out):
+    print("\nEuRoC V1_01, still: rotation against the integral of the gyro, whose constant bias is fitted, rms [deg]:")
+    folder = data / "euroc_still" / "mav0"
+    place = out / "gyro"
+    run([programs / "sweeper_robot", "--data", data / "euroc_still", "--out", place])
+    estimate = np.loadtxt(place / "trajectory_live.tum")
+    truth = np.loadtxt(folder / "state_groundtruth_estimate0" / "data.csv", delimiter=",", comments="#")
+    imu = np.loadtxt(folder / "imu0" / "data.csv", delimiter=",", comments="#")
+    seconds = (imu[:, 0] - imu[0, 0]) * 1e-9
+    steps = 0.5 * (imu[1:, 1:4] + imu[:-1, 1:4]) * np.diff(seconds)[:, None]
+    turned = np.vstack([np.zeros(3), np.cumsum(steps, 0)])
+    for name, at, vectors in (("vision", estimate[:, 0] - imu[0, 0] * 1e-9, rotation_vectors(estimate[:, 4:8])),
+                              ("truth", (truth[:, 0] - imu[0, 0]) * 1e-9, rotation_vectors(truth[:, [5, 6, 7, 4]]))):
+        difference = np.stack([np.interp(at, seconds, turned[:, i]) for i in range(3)], 1) - vectors
+        line = np.stack([at, np.ones_like(at)], 1)
+        rest = difference - line @ np.linalg.lstsq(line, difference, rcond=None)[0]
+        print(f"  {name:<8}{np.degrees(np.sqrt((rest**2).sum(1).mean())):.3f}")
+    return []
+
+
 def pairs(programs, data, _):
     print("\nMotion between two images of EuRoC V1_01 alone: the first pair 98 s apart, the last half a second.")
     text = run([programs / "relative_pose_accuracy", data / "euroc_loop_pairs"])
@@ -135,7 +168,7 @@ def realtime(programs, data, out):
 
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parts = {"stereo": stereo, "pairs": pairs, "repeat": repeat, "realtime": realtime}
+    parts = {"stereo": stereo, "gyro": gyro, "pairs": pairs, "repeat": repeat, "realtime": realtime}
     parser.add_argument("--bin", type=pathlib.Path, default=ROOT / "build/release/bin", help="where the programs are")
     parser.add_argument("--out", type=pathlib.Path, help="keep the results of the runs here")
     parser.add_argument("parts", nargs="*", metavar="PART", help=", ".join(parts))
