@@ -50,7 +50,8 @@ struct StereoSearchOptions {
       "the best must lie below this part of the second best elsewhere; 1 switches the test off");
     v(left_right_check, "left_right_check", "", any_value(),
       "keep a pair only if the left key point is also the best for the right one");
-    v(scale_factor, "scale_factor", "", range(1.01, 4.0), "size of a pyramid level against the next");
+    v(scale_factor, "scale_factor", "", range(1.01, 4.0),
+      "size of a pyramid level against the next; Frontend puts in that of its pyramid");
     v(sigma, "sigma", "px", range(0.01, 10.0),
       "standard deviation of a disparity from key points alone, on the level of their octave");
   }

@@ -51,9 +51,6 @@ class Frontend {
   /// What to take off the disparities of the frames to come [px].
   void set_disparity_bias(double bias) { disparity_bias_ = bias; }
 
-  /// The pyramid of the last left image.
-  const ImagePyramid& left_pyramid() const { return left_pyramid_; }
-
  private:
   void extract(GrayView image, ImagePyramid& pyramid, Features<256>& features);
   float disparity_sigma(const StereoMatch& match, int octave) const;
