@@ -244,6 +244,8 @@ void register_cameras(py::module_& m) {
   py::enum_<Side>(m, "Side", "Of a stereo rig.").value("left", Side::left).value("right", Side::right);
 
   py::class_<StereoRig>(m, "StereoRig", "Two cameras on a body, and the rectified pair that they stand for.")
+      .def(py::init<const Camera&, const Camera&, const SE3d&, const SE3d&>(), py::arg("left"),
+           py::arg("right"), py::arg("T_body_left"), py::arg("T_body_right"))
       .def(py::init([](const Camera& left, const Camera& right, const Matrix4& T_body_left,
                        const Matrix4& T_body_right) {
              return StereoRig(left, right, T_body_left.eigen<Eigen::Matrix4d>(),
