@@ -7,6 +7,7 @@
 #include <numbers>
 #include <utility>
 
+#include "sweepkit/core/error.hpp"
 #include "sweepkit/geometry/triangulation.hpp"
 
 namespace sweepkit {
@@ -56,6 +57,10 @@ std::shared_ptr<const LocalMap> LocalMapper::process(KeyframeCandidate&& candida
   fuse(id);
   adjust(id, stop);
   cull_keyframes(id);
+#ifndef NDEBUG
+  if (const auto broken = map_.broken_invariant())
+    throw Error(ErrorKind::argument, "LocalMapper::process", *broken);
+#endif
   return copy(id);
 }
 

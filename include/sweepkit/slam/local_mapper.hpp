@@ -96,7 +96,8 @@ class LocalMapper {
   LocalMapper(const RectifiedCamera& camera, const StereoRig::Bounds& view, const ScaleLevels& levels,
               const LocalMapperOptions& options);
 
-  /// Everything that a new keyframe brings about.
+  /// Everything that a new keyframe brings about. A debug build then checks the invariants of the map and
+  /// throws Error(argument) if one is broken.
   /// @param stop bundle adjustment ends early once it is true
   /// @return the tracker's new copy
   std::shared_ptr<const LocalMap> process(KeyframeCandidate&& candidate,
