@@ -17,10 +17,10 @@ PACKAGE = pathlib.Path(sk.__file__).parent
 def test_stubs_ship():
     assert (PACKAGE / "py.typed").exists()
     for folder in sk._core.folders:
-        stub = (PACKAGE / f"{folder}.pyi").read_text()
+        stub_text = (PACKAGE / f"{folder}.pyi").read_text()
         for name in vars(getattr(sk, folder)):
             if not name.startswith("_"):
-                assert name in stub, f"{folder}.{name}"
+                assert name in stub_text, f"{folder}.{name}"
 
 
 def test_everything_public_is_documented():
