@@ -8,6 +8,7 @@
 #include "sweepkit/geometry/camera.hpp"
 #include "sweepkit/geometry/se3.hpp"
 #include "sweepkit/geometry/stereo_rig.hpp"
+#include "sweepkit/motion/mounting.hpp"
 
 namespace sweepkit {
 
@@ -18,20 +19,6 @@ struct MountedCamera {
   double rate_hz = 0.0;  ///< nominal; 0 if unknown
 };
 
-/// An inertial unit. With one, the body frame is its frame and T_body_imu the identity.
-struct MountedImu {
-  SE3d T_body_imu;
-  ImuNoise noise;
-  double rate_hz = 0.0;  ///< nominal; 0 if unknown
-};
-
-/// The drive. Its base frame: x forward, y left, z up, on the floor in the middle between the drive wheels.
-struct MountedWheels {
-  SE3d T_body_base;
-  WheelGeometry geometry;
-  double rate_hz = 0.0;  ///< nominal; 0 if unknown
-};
-
 /// The sensors that a source has. The body frame is the IMU's; without an IMU it is the frame to which the
 /// mounting of the cameras refers.
 struct Rig {
@@ -39,6 +26,8 @@ struct Rig {
   std::optional<MountedCamera> right;
   std::optional<MountedImu> imu;
   std::optional<MountedWheels> wheels;
+
+  MotionSensors motion() const { return {imu, wheels}; }
 
   bool has_stereo() const { return left && right; }
   /// The pair of cameras. @throws Error(calibration) if one is missing or they are no pair
