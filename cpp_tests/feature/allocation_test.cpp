@@ -6,6 +6,7 @@
 
 #include "feature/scene.hpp"
 #include "sweepkit/feature/orb.hpp"
+#include "sweepkit/feature/segments.hpp"
 
 namespace {
 long allocations = 0;
@@ -34,4 +35,16 @@ TEST_CASE("An extractor that has seen an image allocates nothing for the next") 
   extractor.extract(second, features);
   CHECK(allocations == before);
   CHECK(features.size() == 1000);
+}
+
+TEST_CASE("A segment detector that has seen an image allocates nothing for the next") {
+  const GrayImage first = random_scene(640, 400, 1), second = random_scene(640, 400, 2);
+  SegmentDetector detector;
+  std::vector<LineSegment> segments;
+  detector.detect(second, segments);
+  detector.detect(first, segments);
+  const long before = allocations;
+  detector.detect(second, segments);
+  CHECK(allocations == before);
+  CHECK(segments.size() > 50);
 }
