@@ -1,0 +1,166 @@
+// SPDX-FileCopyrightText: The sweepkit authors
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <optional>
+#include <span>
+#include <vector>
+
+#include "sweepkit/core/options.hpp"
+#include "sweepkit/core/time.hpp"
+#include "sweepkit/direction/manhattan_frame.hpp"
+#include "sweepkit/geometry/stereo_rig.hpp"
+
+namespace sweepkit {
+
+/// The angle modulo 90 degrees in (-45, 45] degrees [rad].
+double wrap_quarter_turn(double angle);
+
+struct MainDirectionOptions {
+  int window = 50;
+  double threshold = 0.5;
+  double inlier_tolerance = 1.5;
+  double stereo_tolerance = 2.0;
+  double min_frame_confidence = 0.8;
+  double min_collected_share = 0.2;
+  ManhattanOptions manhattan;
+
+  template <class Visitor>
+  void visit_options(Visitor& v) {
+    v(window, "window", "frames", range(1, 100000), "stereo frames of a window, N");
+    v(threshold, "threshold", "", range(0.0, 1.0),
+      "a window with a confidence below this is thrown away and the next begins; exactly this is accepted");
+    v(inlier_tolerance, "inlier_tolerance", "deg", range(0.01, 20.0),
+      "directions of a window that lie within this of the answer are its inliers");
+    v(stereo_tolerance, "stereo_tolerance", "deg", range(0.01, 20.0),
+      "by how much the directions of the two cameras may differ");
+    v(min_frame_confidence, "min_frame_confidence", "", range(0.0, 1.0),
+      "a camera whose own confidence is lower says nothing");
+    v(min_collected_share, "min_collected_share", "", range(0.0, 1.0),
+      "share of a window's frames that must have a direction for an answer");
+    v.group(manhattan, "manhattan", "the main direction in one image");
+  }
+};
+
+/// What one camera sees of the main direction.
+struct CameraDirection {
+  bool found = false;
+  double angle = 0;       ///< see FrameDirection [rad]
+  double sigma = 0;       ///< standard deviation from the segments alone [rad]
+  double confidence = 0;  ///< of the Manhattan frame
+  double support = 0;     ///< weight of the horizontal segments along it
+};
+
+/// What one stereo frame says of the main direction. Angles are counter-clockwise, seen from above, from the
+/// left camera's forward axis to the nearest axis of the room, in (-45, 45] degrees; also those of the right
+/// camera, so that both can be compared.
+struct FrameDirection {
+  TimeNs t = 0;
+  double yaw = 0;  ///< of the left camera's forward axis in odometry, counter-clockwise from above [rad]
+  CameraDirection left;
+  CameraDirection right;
+};
+
+/// An accepted window.
+struct MainDirection {
+  TimeNs window_begin = 0;  ///< stamp of the window's first frame
+  double angle = 0;         ///< at that frame [rad], in (-45, 45] degrees
+  double confidence = 0;    ///< inliers over directions collected
+  TimeNs run_begin = 0;     ///< stamp of the run's first frame
+  double run_angle = 0;     ///< at that frame [rad]
+  TimeNs window_end = 0;    ///< stamp of the window's last frame: when the answer was known
+  int frames = 0;           ///< of the window
+  int collected = 0;        ///< frames that had a direction in both cameras that agree
+  int inliers = 0;
+  double sigma = 0;  ///< standard error of the mean of the inliers, as if independent [rad]
+};
+
+/// Turns segments into a FrameDirection. Not thread-safe.
+class FrameDirectionFinder {
+ public:
+  FrameDirectionFinder(const StereoRig& rig, const MainDirectionOptions& options = {});
+
+  const MainDirectionOptions& options() const { return options_; }
+
+  /// @param R_world_body orientation of the body in a frame whose z axis is up and whose yaw is smooth
+  /// (odometry). A camera that looks up or down within 10 degrees of the vertical has no direction.
+  FrameDirection find(TimeNs t, std::span<const LineSegment> left, std::span<const LineSegment> right,
+                      const SO3d& R_world_body);
+
+  /// Of the last find, for each segment of a side: 0 or 2 along the one or the other horizontal axis of the
+  /// room, 1 vertical, -1 none.
+  std::span<const std::int8_t> labels(Side side) const { return labels_[static_cast<int>(side)]; }
+
+ private:
+  StereoRig rig_;
+  MainDirectionOptions options_;
+  ManhattanEstimator estimator_;
+  std::vector<InterpretationPlane> planes_;
+  std::array<std::vector<std::int8_t>, 2> labels_;
+};
+
+/// The direction that both cameras of a frame agree on, modulo 90 degrees [rad], the mean weighted by their
+/// variances; nothing if one found none, is too little confident, or they differ by more than the tolerance.
+std::optional<double> agreed_direction(const FrameDirection& frame, const MainDirectionOptions& options);
+
+/// Collects windows of frames and says the main direction when one is good: consensus over the window's
+/// directions, each carried to its first frame by the yaw of odometry. Every collected direction is tried as
+/// the hypothesis of RANSAC, which for one unknown and a window's length is exhaustive; the inliers' mean is
+/// the answer.
+class MainDirectionWindow {
+ public:
+  explicit MainDirectionWindow(const MainDirectionOptions& options = {});
+
+  const MainDirectionOptions& options() const { return options_; }
+
+  /// Takes the next frame. Gives the answer with the last frame of a window that is accepted; the next frame
+  /// begins a new window in any case.
+  std::optional<MainDirection> add(const FrameDirection& frame);
+
+  /// Windows thrown away so far.
+  int restarts() const { return restarts_; }
+  /// Confidence of the last complete window, accepted or not; 0 before.
+  double last_confidence() const { return last_confidence_; }
+
+ private:
+  std::optional<MainDirection> close();
+
+  MainDirectionOptions options_;
+  std::optional<FrameDirection> run_first_;
+  FrameDirection first_, last_;
+  int frames_ = 0;
+  int restarts_ = 0;
+  double last_confidence_ = 0;
+  std::vector<double> collected_;  // in the window's first frame
+};
+
+/// Both stages: what a program or a robot feeds.
+class MainDirectionEstimator {
+ public:
+  MainDirectionEstimator(const StereoRig& rig, const MainDirectionOptions& options = {})
+      : finder_(rig, options), window_(options) {}
+
+  /// As FrameDirectionFinder::find and MainDirectionWindow::add.
+  std::optional<MainDirection> add(TimeNs t, std::span<const LineSegment> left,
+                                   std::span<const LineSegment> right, const SO3d& R_world_body) {
+    last_ = finder_.find(t, left, right, R_world_body);
+    return window_.add(last_);
+  }
+
+  const FrameDirectionFinder& finder() const { return finder_; }
+  const MainDirectionWindow& window() const { return window_; }
+  const FrameDirection& last() const { return last_; }  ///< of the last frame
+
+ private:
+  FrameDirectionFinder finder_;
+  MainDirectionWindow window_;
+  FrameDirection last_;
+};
+
+/// The first answer of a run that begins with frames[start], or nothing: what a study of the options replays.
+std::optional<MainDirection> first_main_direction(std::span<const FrameDirection> frames,
+                                                  const MainDirectionOptions& options);
+
+}  // namespace sweepkit
