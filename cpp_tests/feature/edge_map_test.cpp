@@ -68,8 +68,8 @@ TEST_CASE("Gradient and ridges are as defined, on every path") {
   for (int y = 0; y < height; ++y)
     for (int x = 0; x < width; ++x) {
       const std::size_t i = static_cast<std::size_t>(y) * width + x;
-      wrong +=
-          map.gx()(x, y) != slow.gx[i] || map.gy()(x, y) != slow.gy[i] || map.magnitude()(x, y) != at(x, y);
+      wrong += map.gradient()(x, y).x != slow.gx[i] || map.gradient()(x, y).y != slow.gy[i] ||
+               map.magnitude()(x, y) != at(x, y);
       int expected = 0;
       const int margin = EdgeMap::kMargin;
       if (x >= margin && y >= margin && x < width - margin && y < height - margin &&
@@ -94,8 +94,8 @@ TEST_CASE("A ramp has its slope as gradient") {
   map.build<std::uint8_t>(image, 1.0);
   for (int y = 4; y < 26; ++y)
     for (int x = 4; x < 36; ++x) {
-      CHECK(map.gx()(x, y) == 3 * EdgeMap::kUnit);
-      CHECK(map.gy()(x, y) == 2 * EdgeMap::kUnit);
+      CHECK(map.gradient()(x, y).x == 3 * EdgeMap::kUnit);
+      CHECK(map.gradient()(x, y).y == 2 * EdgeMap::kUnit);
     }
 }
 

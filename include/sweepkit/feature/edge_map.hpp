@@ -39,8 +39,9 @@ class EdgeMap {
     if (width_ < 2 * kMargin + 1 || height_ < 2 * kMargin + 1) width_ = height_ = 0;
     if (width_ == 0) return;
     const std::ptrdiff_t stride = width_ + 2 * impl::kEdgeLanes;
-    gx_.resize(width_, height_, stride);
-    gy_.resize(width_, height_, stride);
+    gradient_.resize(width_, height_, stride);
+    gx_.resize(width_, 2, stride);
+    gy_.resize(width_, 2, stride);
     magnitude_.resize(width_, height_, stride);
     ridge_.resize(width_, height_, stride);
     along_.resize(width_, 5, stride);
@@ -51,8 +52,8 @@ class EdgeMap {
       for (; next_along < std::min(y + 4, height_); ++next_along)
         smooth_along(image.row(next_along), along_.row(next_along % 5));
       for (; next_smooth < std::min(y + 2, height_); ++next_smooth) smooth_across(next_smooth);
-      impl::sobel_row(smooth_row(y - 1), smooth_row(y), smooth_row(y + 1), width_, gx_.row(y), gy_.row(y),
-                      magnitude_.row(y));
+      impl::sobel_row(smooth_row(y - 1), smooth_row(y), smooth_row(y + 1), width_, gx_.row(y % 2),
+                      gy_.row(y % 2), gradient_.row(y), magnitude_.row(y));
       if (y - 1 >= kMargin && y - 1 < height_ - kMargin) mark_ridges(y - 1, least);
     }
     for (int y : {0, 1, height_ - 2, height_ - 1}) std::fill_n(ridge_.row(y), width_, std::uint8_t{0});
@@ -61,8 +62,8 @@ class EdgeMap {
   int width() const { return width_; }
   int height() const { return height_; }
 
-  View2d<const std::int16_t> gx() const { return gx_.view(); }
-  View2d<const std::int16_t> gy() const { return gy_.view(); }
+  /// [1 / kUnit grey levels / px]
+  View2d<const impl::EdgeGradient> gradient() const { return gradient_.view(); }
   View2d<const std::uint16_t> magnitude() const { return magnitude_.view(); }
   /// 0, impl::kSteepRidge or impl::kShallowRidge. Who follows ridges may clear what it has visited.
   View2d<std::uint8_t> ridge() { return ridge_.view(); }
@@ -107,14 +108,15 @@ class EdgeMap {
 
   void mark_ridges(int y, int threshold) {
     std::uint8_t* ridge = ridge_.row(y);
-    impl::ridge_row(magnitude_.row(y - 1), magnitude_.row(y), magnitude_.row(y + 1), gx_.row(y), gy_.row(y),
-                    width_, threshold, ridge);
+    impl::ridge_row(magnitude_.row(y - 1), magnitude_.row(y), magnitude_.row(y + 1), gx_.row(y % 2),
+                    gy_.row(y % 2), width_, threshold, ridge);
     std::fill_n(ridge, kMargin, std::uint8_t{0});
     std::fill_n(ridge + width_ - kMargin, kMargin + 8, std::uint8_t{0});
   }
 
   int width_ = 0, height_ = 0;
-  Image<std::int16_t> gx_, gy_;
+  Image<impl::EdgeGradient> gradient_;
+  Image<std::int16_t> gx_, gy_;  // of two rows
   Image<std::uint16_t> magnitude_, along_, smooth_;
   Image<std::uint8_t> ridge_;
   std::vector<std::uint16_t> fixed_;

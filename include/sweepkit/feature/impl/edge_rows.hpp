@@ -15,6 +15,11 @@ namespace sweepkit::impl {
 
 inline constexpr int kEdgeLanes = 16;
 
+/// One pixel's gradient.
+struct EdgeGradient {
+  std::int16_t x, y;
+};
+
 /// target = binomial (1 4 6 4 1) of five rows, over 16, rounded. Along a row the five "rows" are one row at
 /// five shifts. Values at most 4080.
 inline void binomial_5_rows_portable(const std::uint16_t* const (&r)[5], int width, std::uint16_t* target) {
@@ -39,16 +44,18 @@ inline void binomial_5_bytes_portable(const std::uint8_t* row, int from, int to,
   for (; x < to; ++x) slow(x);
 }
 
-/// Sobel's gradient and its length, max + 3/8 min (within 7 % of the true one), from the rows above, at and
-/// below. Column -1 and `width` of the rows must be readable.
+/// Sobel's gradient, also apart as gx and gy, and its length, max + 3/8 min (within 7 % of the true one),
+/// from the rows above, at and below. Column -1 and `width` of the rows must be readable.
 inline void sobel_row_portable(const std::uint16_t* a, const std::uint16_t* b, const std::uint16_t* c,
-                               int width, std::int16_t* gx, std::int16_t* gy, std::uint16_t* magnitude) {
+                               int width, std::int16_t* gx, std::int16_t* gy, EdgeGradient* gradient,
+                               std::uint16_t* magnitude) {
   for (int x = 0; x < width; ++x) {
     const int dx = (a[x + 1] - a[x - 1]) + 2 * (b[x + 1] - b[x - 1]) + (c[x + 1] - c[x - 1]);
     const int dy = (c[x - 1] - a[x - 1]) + 2 * (c[x] - a[x]) + (c[x + 1] - a[x + 1]);
     const int u = std::abs(dx), v = std::abs(dy);
     gx[x] = static_cast<std::int16_t>(dx);
     gy[x] = static_cast<std::int16_t>(dy);
+    gradient[x] = {gx[x], gy[x]};
     magnitude[x] = static_cast<std::uint16_t>(std::max(u, v) + (3 * std::min(u, v) >> 3));
   }
 }
@@ -105,7 +112,8 @@ SWEEPKIT_TARGET_AVX2 inline void binomial_5_bytes_avx2(const std::uint8_t* row, 
 
 SWEEPKIT_TARGET_AVX2 inline void sobel_row_avx2(const std::uint16_t* a, const std::uint16_t* b,
                                                 const std::uint16_t* c, int width, std::int16_t* gx,
-                                                std::int16_t* gy, std::uint16_t* magnitude) {
+                                                std::int16_t* gy, EdgeGradient* gradient,
+                                                std::uint16_t* magnitude) {
   for (int x = 0; x < width; x += kEdgeLanes) {
     const __m256i a0 = load_32(a + x - 1), a1 = load_32(a + x), a2 = load_32(a + x + 1);
     const __m256i c0 = load_32(c + x - 1), c1 = load_32(c + x), c2 = load_32(c + x + 1);
@@ -120,6 +128,9 @@ SWEEPKIT_TARGET_AVX2 inline void sobel_row_avx2(const std::uint16_t* a, const st
     const __m256i part = _mm256_srli_epi16(_mm256_add_epi16(low, _mm256_slli_epi16(low, 1)), 3);
     store_32(gx + x, dx);
     store_32(gy + x, dy);
+    const __m256i low_pairs = _mm256_unpacklo_epi16(dx, dy), high_pairs = _mm256_unpackhi_epi16(dx, dy);
+    store_32(gradient + x, _mm256_permute2x128_si256(low_pairs, high_pairs, 0x20));
+    store_32(gradient + x + 8, _mm256_permute2x128_si256(low_pairs, high_pairs, 0x31));
     store_32(magnitude + x, _mm256_add_epi16(_mm256_max_epi16(u, v), part));
   }
 }
@@ -162,11 +173,11 @@ inline void binomial_5_bytes(const std::uint8_t* row, int width, std::uint16_t* 
 }
 
 inline void sobel_row(const std::uint16_t* a, const std::uint16_t* b, const std::uint16_t* c, int width,
-                      std::int16_t* gx, std::int16_t* gy, std::uint16_t* magnitude) {
+                      std::int16_t* gx, std::int16_t* gy, EdgeGradient* gradient, std::uint16_t* magnitude) {
 #ifdef SWEEPKIT_HAVE_AVX2
-  if (simd_level() == SimdLevel::avx2) return sobel_row_avx2(a, b, c, width, gx, gy, magnitude);
+  if (simd_level() == SimdLevel::avx2) return sobel_row_avx2(a, b, c, width, gx, gy, gradient, magnitude);
 #endif
-  sobel_row_portable(a, b, c, width, gx, gy, magnitude);
+  sobel_row_portable(a, b, c, width, gx, gy, gradient, magnitude);
 }
 
 inline void ridge_row(const std::uint16_t* above, const std::uint16_t* row, const std::uint16_t* below,

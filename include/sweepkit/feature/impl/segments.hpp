@@ -49,7 +49,8 @@ auto BasicSegmentDetector<Pixel, Validation>::Fit::solve() const -> Line {
 template <EdgePixel Pixel, SegmentValidation Validation>
 auto BasicSegmentDetector<Pixel, Validation>::point_at(int x, int y) const -> EdgePoint {
   const auto m = map_.magnitude();
-  EdgePoint p{static_cast<float>(x), static_cast<float>(y), map_.gx()(x, y), map_.gy()(x, y)};
+  const impl::EdgeGradient g = map_.gradient()(x, y);
+  EdgePoint p{static_cast<float>(x), static_cast<float>(y), g.x, g.y};
   const bool steep = std::abs(p.gx) >= std::abs(p.gy);
   const int here = m(x, y);
   const int before = steep ? m(x - 1, y) : m(x, y - 1), after = steep ? m(x + 1, y) : m(x, y + 1);
@@ -64,11 +65,11 @@ template <EdgePixel Pixel, SegmentValidation Validation>
 void BasicSegmentDetector<Pixel, Validation>::link_one_way(int x, int y, int sign,
                                                            std::vector<EdgePoint>& points) {
   const auto ridge = map_.ridge();
-  const auto gx = map_.gx(), gy = map_.gy();
+  const auto gradient = map_.gradient();
   const auto m = map_.magnitude();
   for (;;) {
     // The edge runs along (gy, -gx), dark on its left.
-    const int hx = gx(x, y), hy = gy(x, y);
+    const int hx = gradient(x, y).x, hy = gradient(x, y).y;
     const bool steep = std::abs(hx) >= std::abs(hy);
     const int step = (steep ? hx < 0 : hy > 0) ? sign : -sign;
     const float half_length = 0.5f * m(x, y);
@@ -77,7 +78,8 @@ void BasicSegmentDetector<Pixel, Validation>::link_one_way(int x, int y, int sig
       const int nx = steep ? x + side : x + step, ny = steep ? y + step : y + side;
       if (!ridge(nx, ny) || m(nx, ny) <= best) continue;
       // Gradients at most 60 degrees apart.
-      const float dot = static_cast<float>(hx) * gx(nx, ny) + static_cast<float>(hy) * gy(nx, ny);
+      const impl::EdgeGradient g = gradient(nx, ny);
+      const float dot = static_cast<float>(hx) * g.x + static_cast<float>(hy) * g.y;
       if (dot >= half_length * m(nx, ny)) best = m(nx, ny), best_x = nx, best_y = ny;
     }
     if (best == 0) return;
