@@ -43,7 +43,10 @@ enum class Pattern {
   wood,    ///< grain without gaps
   weave,   ///< woven, with an ornament: carpets
   fabric,  ///< cloth, checked
-  print,   ///< lettering and bar codes: cartons
+  print,    ///< lettering and bar codes: cartons
+  spines,   ///< of books
+  picture,  ///< what hangs framed on walls
+  glyph,    ///< signs of mahjong tiles
   paint,   ///< painted surfaces with dirt and scratches
 };
 

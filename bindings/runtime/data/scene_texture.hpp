@@ -1,0 +1,82 @@
+// SPDX-FileCopyrightText: The sweepkit authors
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <algorithm>
+#include <bit>
+#include <cmath>
+#include <cstdint>
+#include <memory>
+#include <vector>
+
+#include "sweepkit/data/scene.hpp"
+
+namespace sweepkit {
+
+/// A grey texture that repeats in both directions, with all its half sizes (Williams, Pyramidal parametrics,
+/// 1983). Values are albedo in 1/65535.
+class Texture {
+ public:
+  /// @param values size x size, a power of two, row by row
+  /// @param period what the texture spans in both directions [m]
+  Texture(const std::vector<float>& values, int size, float period);
+
+  float period() const { return period_; }
+  int size() const { return size_; }
+  float mean() const { return levels_.back().texels.front() * (1.0f / 65535.0f); }
+
+  /// The value at u, v [periods], filtered to the level `lod` (0: full size; in between: blended).
+  float sample(float u, float v, float lod) const {
+    lod = std::clamp(lod, 0.0f, static_cast<float>(levels_.size() - 1));
+    const int level = static_cast<int>(lod);
+    const float share = lod - static_cast<float>(level);
+    const float fine = bilinear(levels_[static_cast<std::size_t>(level)], u, v);
+    if (share == 0.0f) return fine;
+    return fine + share * (bilinear(levels_[static_cast<std::size_t>(level) + 1], u, v) - fine);
+  }
+
+ private:
+  struct Level {
+    int size;
+    std::vector<std::uint16_t> texels;
+  };
+
+  static float bilinear(const Level& level, float u, float v) {
+    const float x = u * static_cast<float>(level.size) - 0.5f, y = v * static_cast<float>(level.size) - 0.5f;
+    const float fx = std::floor(x), fy = std::floor(y);
+    const float ax = x - fx, ay = y - fy;
+    const int mask = level.size - 1;
+    const int x0 = static_cast<int>(fx) & mask, x1 = (x0 + 1) & mask;
+    const int y0 = static_cast<int>(fy) & mask, y1 = (y0 + 1) & mask;
+    const std::uint16_t* top =
+        level.texels.data() + static_cast<std::size_t>(y0) * static_cast<std::size_t>(level.size);
+    const std::uint16_t* bottom =
+        level.texels.data() + static_cast<std::size_t>(y1) * static_cast<std::size_t>(level.size);
+    const float a = static_cast<float>(top[x0]) + ax * static_cast<float>(top[x1] - top[x0]);
+    const float b = static_cast<float>(bottom[x0]) + ax * static_cast<float>(bottom[x1] - bottom[x0]);
+    return (a + ay * (b - a)) * (1.0f / 65535.0f);
+  }
+
+  int size_;
+  float period_;
+  std::vector<Level> levels_;
+};
+
+/// Fine structure laid over textures, below their texels.
+enum class Detail : std::uint8_t { none, grain, fibre, cloth };
+
+/// A material made ready to be looked up.
+struct Skin {
+  std::shared_ptr<const Texture> texture;
+  Detail detail = Detail::none;
+  float detail_strength = 0.0f;  ///< relative
+  int columns = 0, rows = 0;     ///< of single pictures in the texture; 0: a continuous pattern
+  bool along_longest = false;    ///< its u axis follows the longer side of what it covers
+};
+
+/// Made once for each material and shared by all that ask while anybody holds it.
+Skin make_skin(const Material& material);
+/// Values about 0.5, relative: 1 doubles. Null for none.
+std::shared_ptr<const Texture> detail_texture(Detail detail);
+
+}  // namespace sweepkit
