@@ -26,8 +26,9 @@ concept EdgePixel = std::same_as<P, std::uint8_t> || std::same_as<P, std::uint16
 /// repeated outside. Keeps its memory between images.
 class EdgeMap {
  public:
-  static constexpr int kUnit = 128;  ///< gradient() and magnitude() of one grey level per pixel
-  static constexpr int kMargin = 2;  ///< ridges lie at least so far from the sides [px]
+  static constexpr int kUnit = 128;         ///< gradient() and magnitude() of one grey level per pixel
+  static constexpr double kNoRidges = 1e9;  ///< a threshold that no gradient reaches
+  static constexpr int kMargin = 2;         ///< ridges lie at least so far from the sides [px]
 
   /// @param threshold least gradient of a ridge [grey levels / px], positive
   template <EdgePixel Pixel>
