@@ -359,16 +359,21 @@ void Scene::check(const std::string& place) const {
       claim(what, name_of_room, wall, (p.centre - a).dot(d), door.width, 0.0, door.height);
     }
   }
-  for (const Window& w : windows)
-    claim("window of " + w.room, w.room, w.wall, w.along, w.width, w.base, w.base + w.height);
-  for (const Picture& p : pictures)
-    claim("picture of " + p.room, p.room, p.wall, p.along, p.width, p.centre - p.height / 2,
+  for (std::size_t i = 0; i < windows.size(); ++i) {
+    const Window& w = windows[i];
+    claim(fmt::format("windows[{}]", i), w.room, w.wall, w.along, w.width, w.base, w.base + w.height);
+  }
+  for (std::size_t i = 0; i < pictures.size(); ++i) {
+    const Picture& p = pictures[i];
+    claim(fmt::format("pictures[{}]", i), p.room, p.wall, p.along, p.width, p.centre - p.height / 2,
           p.centre + p.height / 2);
-  for (const Light& light : lights) {
-    if (!(light.position.cwiseAbs().maxCoeff() <= kFar))
-      complain("lights", "a light lies farther than 100 m away");
-    complain.number("light power", light.power, 0.0, 1e4);
-    complain.number("light radius", light.radius, 0.0, 1.0);
+  }
+  for (std::size_t i = 0; i < lights.size(); ++i) {
+    const Light& light = lights[i];
+    const std::string what = fmt::format("lights[{}]", i);
+    if (!(light.position.cwiseAbs().maxCoeff() <= kFar)) complain(what, "lies farther than 100 m away");
+    complain.number(what + " power", light.power, 0.0, 1e4);
+    complain.number(what + " radius", light.radius, 0.0, 1.0);
   }
   complain.number("daylight sun", daylight.sun, 0.0, 1e3);
   complain.number("daylight sky", daylight.sky, 0.0, 1e3);

@@ -19,7 +19,11 @@ constexpr double kPi = std::numbers::pi;
 constexpr float kLift = 4e-4f;       // rays start so far above their surface [m]
 constexpr double kFaintest = 0.003;  // irradiance below which a source is left out
 constexpr std::size_t kMostTexels = std::size_t{1} << 26;
-constexpr int kCoarse = 4;            // light by way of other surfaces is worked out at every 4th texel
+constexpr int kCoarse = 4;          // light by way of other surfaces is worked out at every 4th texel
+constexpr double kLampReach = 0.5;  // closer than its root lamps are no brighter: they have shades [m^2]
+constexpr float kBrightest =
+    4.0f;  // a surface hands on no more light than of this irradiance: spots of light
+           // smaller than the angle between two directions would come out as stains
 constexpr double kSunRadius = 0.012;  // half of the sun's disc, with haze [rad]
 
 /// Shadow rays in waiting, each with what it brings if it arrives.
@@ -80,12 +84,12 @@ Sources collect(const Scene& scene, const SurfaceMesh& mesh) {
   for (const std::uint32_t index : mesh.windows) {
     const Patch& patch = mesh.patches[index];
     Sources::Pane pane;
-    for (int i = 0; i < 4; ++i) {
-      Vec3d n;
-      patch.at(patch.extent_s * (0.125 + 0.25 * i),
-               patch.extent_t * (0.125 + 0.25 * ((2 * i + 1) % 4 == 3 ? 3 - i : (2 * i + 1) % 4)),
-               pane.points[static_cast<std::size_t>(i)], n);
-      pane.normal = n;
+    // In front of frame and mullion, which would else cut the light of single points off.
+    constexpr std::array<std::array<double, 2>, 4> kSpots{
+        {{0.125, 0.375}, {0.375, 0.875}, {0.625, 0.125}, {0.875, 0.625}}};
+    for (std::size_t i = 0; i < 4; ++i) {
+      patch.at(patch.extent_s * kSpots[i][0], patch.extent_t * kSpots[i][1], pane.points[i], pane.normal);
+      pane.points[i] += 0.16 * pane.normal;
     }
     pane.area = static_cast<double>(patch.extent_s) * patch.extent_t;
     pane.radiance = patch.emission;
@@ -110,7 +114,7 @@ void add_direct(const Sources& sources, const Vec3d& point, const Vec3d& n, Shad
   const Vec3d from = point + n * kLift;
   for (const auto& lamp : sources.lamps) {
     const Vec3d d = lamp.position - from;
-    const double r2 = std::max(d.squaredNorm(), 0.04), r = std::sqrt(r2), cosine = n.dot(d) / r;
+    const double r2 = std::max(d.squaredNorm(), kLampReach), r = d.norm(), cosine = n.dot(d) / r;
     if (cosine <= 0 || lamp.power * cosine / r2 < kFaintest) continue;
     // Four points of the lamp's disc as seen from here.
     const Vec3d side = (d / r).unitOrthogonal(), other = (d / r).cross(side);
@@ -250,8 +254,8 @@ LightTable::LightTable(const Scene& scene, SurfaceMesh& mesh, const RayCaster& c
           const Irradiance e = at(other_patch, t.grad_s[0] * px + t.grad_s[1] * py + t.grad_s[2] * pz + t.s0,
                                   t.grad_t[0] * px + t.grad_t[1] * py + t.grad_t[2] * pz + t.t0);
           const float albedo = other_patch.texture->mean();
-          sum.lamps += albedo * (e.lamps + even_lamps);
-          sum.day += albedo * (e.day + even_day);
+          sum.lamps += albedo * (std::min(e.lamps, kBrightest) + even_lamps);
+          sum.day += albedo * (std::min(e.day, kBrightest) + even_day);
         }
       }
       coarse[index][static_cast<std::size_t>(y * width + x)] = {sum.lamps / static_cast<float>(ray_count),

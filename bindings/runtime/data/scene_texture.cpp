@@ -98,11 +98,11 @@ Canvas grain(int size, float period, Random& random) {
   const auto cells = [&](float length) {
     return std::clamp(static_cast<int>(std::lround(period / length)), 1, size);
   };
-  add_noise(straight, cells(0.8f), cells(0.05f), 0.10f, random);
-  add_noise(straight, cells(0.5f), cells(0.016f), 0.12f, random);
-  add_noise(straight, cells(0.22f), cells(0.006f), 0.12f, random);
-  add_noise(straight, cells(0.09f), cells(0.0035f), 0.09f, random);
-  add_noise(straight, cells(0.03f), cells(0.002f), 0.06f, random);
+  add_noise(straight, cells(1.0f), cells(0.06f), 0.055f, random);
+  add_noise(straight, cells(0.8f), cells(0.02f), 0.06f, random);
+  add_noise(straight, cells(0.5f), cells(0.008f), 0.055f, random);
+  add_noise(straight, cells(0.25f), cells(0.004f), 0.045f, random);
+  add_noise(straight, cells(0.1f), cells(0.0025f), 0.03f, random);
   add_octaves(bend, cells(0.6f), cells(0.25f), 3, 0.006f, 0.5f, random);
   // Rings: waves across the grain, wavering with the bend.
   Canvas result(size, size);
@@ -117,12 +117,12 @@ Canvas grain(int size, float period, Random& random) {
       result(y, x) = straight(y0, x) + share * (straight(y1, x) - straight(y0, x));
     }
   // Pores: short dark dashes along the grain.
-  const int dashes = static_cast<int>(2500 * period * period);
+  const int dashes = static_cast<int>(900 * period * period);
   for (int n = 0; n < dashes; ++n) {
     const int x = static_cast<int>(random.index(static_cast<std::uint64_t>(size)));
     const int y = static_cast<int>(random.index(static_cast<std::uint64_t>(size)));
     const int length = static_cast<int>(random.uniform(0.004, 0.025) / texel) + 1;
-    const auto depth = static_cast<float>(random.uniform(0.08, 0.35));
+    const auto depth = static_cast<float>(random.uniform(0.05, 0.3));
     for (int i = 0; i < length; ++i) result(y, (x + i) % size) -= depth;
   }
   // Knots: dark, with the grain pushed around them.
@@ -374,8 +374,8 @@ Canvas weave(int size, float period, int seed, Random& random) {
   result *= 0.75f;
   const int loops = static_cast<int>(period / 0.006f);
   Canvas shade = Canvas::zeros(size, size);
-  add_noise(shade, loops, loops, 0.12f, random);
-  add_noise(shade, loops * 2, loops * 2, 0.1f, random);
+  add_noise(shade, loops, loops, 0.07f, random);
+  add_noise(shade, loops * 2, loops * 2, 0.06f, random);
   add_octaves(shade, 4, 4, 4, 0.05f, 0.8f, random);
   for (int y = 0; y < size; ++y)
     for (int x = 0; x < size; ++x) {
@@ -541,8 +541,8 @@ Skin paint_skin(const Material& m) {
     case Pattern::plaster:
       period = 2.048f;
       canvas = Canvas::zeros(size, size);
-      add_octaves(canvas, 2, 2, 5, 0.02f, 0.9f, random);
-      add_octaves(canvas, 128, 128, 3, 0.035f, 0.9f, random);
+      add_octaves(canvas, 2, 2, 5, 0.014f, 0.85f, random);
+      add_octaves(canvas, 128, 128, 3, 0.022f, 0.9f, random);
       add_specks(canvas, period, 70, 0.002f, 0.012f, 0.12f, random);
       detail(Detail::grain, 0.1f);
       break;
@@ -565,7 +565,7 @@ Skin paint_skin(const Material& m) {
       size = 2048;
       period = 3.072f;
       canvas = planks(size, period, cell(0.14), random);
-      detail(Detail::fibre, 0.22f);
+      detail(Detail::fibre, 0.14f);
       break;
     case Pattern::tiles:
       size = 2048;
@@ -576,13 +576,13 @@ Skin paint_skin(const Material& m) {
     case Pattern::wood:
       canvas = grain(size, period, random);
       skin.along_longest = true;
-      detail(Detail::fibre, 0.2f);
+      detail(Detail::fibre, 0.13f);
       break;
     case Pattern::weave:
       size = 2048;
       period = 2.048f;
       canvas = weave(size, period, m.seed, random);
-      detail(Detail::cloth, 0.3f);
+      detail(Detail::cloth, 0.16f);
       break;
     case Pattern::fabric:
       canvas = fabric(size, period, cell(0.07), random);
@@ -695,10 +695,10 @@ std::shared_ptr<const Texture> detail_texture(Detail detail) {
   if (detail == Detail::grain) {
     add_octaves(canvas, 64, 64, 5, 0.45f, 0.9f, random);
   } else if (detail == Detail::fibre) {
-    add_noise(canvas, 16, 160, 0.4f, random);
-    add_noise(canvas, 40, 320, 0.5f, random);
-    add_noise(canvas, 100, 512, 0.4f, random);
-    add_noise(canvas, 256, 1024, 0.35f, random);
+    add_noise(canvas, 4, 160, 0.4f, random);
+    add_noise(canvas, 8, 320, 0.5f, random);
+    add_noise(canvas, 20, 512, 0.4f, random);
+    add_noise(canvas, 64, 1024, 0.3f, random);
   } else {
     add_octaves(canvas, 100, 100, 4, 0.5f, 0.9f, random);
   }
