@@ -46,6 +46,10 @@ KeyframeId Map::add_keyframe(Keyframe keyframe) {
   if (keyframe.parent.valid())
     require(this->keyframe(keyframe.parent).map == keyframe.map, "Map::add_keyframe(keyframe.parent)",
             "the parent belongs to another map", keyframe.parent.value);
+  if (keyframe.odometry)
+    require(this->keyframe(keyframe.odometry->from).map == keyframe.map,
+            "Map::add_keyframe(keyframe.odometry)", "the keyframe before belongs to another map",
+            keyframe.odometry->from.value);
   keyframe.id = KeyframeId{keyframe_id_end()};
   keyframe.points.assign(keyframe.measurements.size(), PointId{});
   keyframe.covisible.clear();
@@ -59,8 +63,16 @@ void Map::remove_keyframe(KeyframeId id) {
   require(gone.parent.valid(), "Map::remove_keyframe(id)", "the root of a map cannot be removed", id.value);
   for (const PointId point : gone.points)
     if (point.valid()) remove_observation(point, id);
-  for (auto& other : keyframes_)
-    if (other && other->parent == id) other->parent = gone.parent;
+  for (auto& other : keyframes_) {
+    if (!other) continue;
+    if (other->parent == id) other->parent = gone.parent;
+    if (other->odometry && other->odometry->from == id) {
+      if (gone.odometry)
+        other->odometry = {gone.odometry->from, gone.odometry->motion * other->odometry->motion};
+      else
+        other->odometry.reset();
+    }
+  }
   removed_[id] = {gone.parent, gone.T_camera_world * keyframe(gone.parent).T_camera_world.inverse()};
   keyframes_[id.value].reset();
   --live_keyframes_;
@@ -224,6 +236,11 @@ std::optional<std::string> Map::broken_invariant() const {
         return name + " counts " + to_string(c.points) + " points shared with keyframe " +
                to_string(c.keyframe.value);
       ++pairs;
+    }
+    if (keyframe->odometry) {
+      const Keyframe* from = find(keyframe->odometry->from);
+      if (!from) return name + " has odometry from a dead keyframe";
+      if (from->map != keyframe->map) return name + " has odometry from another map";
     }
     std::size_t steps = 0;
     for (const Keyframe* k = keyframe.get(); k->parent.valid(); ++steps) {

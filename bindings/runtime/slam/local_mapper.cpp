@@ -88,8 +88,8 @@ KeyframeId LocalMapper::insert(KeyframeCandidate&& candidate) {
   }
   if (!parent.valid() && map_.find(frame.reference)) parent = frame.reference;
   // Nothing ties it to the map but time: the newest keyframe.
-  for (std::uint32_t i = map_.keyframe_id_end(); !parent.valid() && i-- > 0;)
-    if (map_.find(KeyframeId{i})) parent = KeyframeId{i};
+  const KeyframeId before = newest_before(KeyframeId{map_.keyframe_id_end()});
+  if (!parent.valid()) parent = before;
 
   Keyframe keyframe;
   keyframe.map = current_;
@@ -102,6 +102,15 @@ KeyframeId LocalMapper::insert(KeyframeCandidate&& candidate) {
   for (Measurement& m : keyframe.measurements) m.shift_disparity(disparity_bias_ - frame.disparity_bias);
   keyframe.descriptors = std::move(frame.descriptors);
   keyframe.parent = parent;
+  if (candidate.odometry && before.valid()) keyframe.odometry = {before, *candidate.odometry};
+  // What was not seen hangs on the keyframe before by odometry; what was, on its parent by points.
+  const bool tracked = most > 0 || !keyframe.odometry;
+  if (parent.valid()) {
+    const Keyframe& from = map_.keyframe(tracked ? parent : before);
+    const Mat6<double> Ad = (keyframe.T_camera_world * from.T_camera_world.inverse()).adjoint();
+    keyframe.covariance = Ad * from.covariance * Ad.transpose() +
+                          (tracked ? frame.covariance : keyframe.odometry->motion.covariance);
+  }
   const KeyframeId id = map_.add_keyframe(std::move(keyframe));
   for (std::uint32_t i = 0; i < frame.points.size(); ++i)
     if (frame.points[i].valid() && map_.add_observation(frame.points[i], id, i))
@@ -261,12 +270,36 @@ void LocalMapper::cull_points(KeyframeId newest) {
   recent_points_ = std::move(still_recent);
 }
 
-void LocalMapper::adjust(KeyframeId id, const std::atomic<bool>* stop) {
-  // Variable poses, the points they see, and the other keyframes that see these points, which stay fixed.
+KeyframeId LocalMapper::newest_before(KeyframeId id) const {
+  for (std::uint32_t i = id.value; i-- > 0;)
+    if (map_.find(KeyframeId{i})) return KeyframeId{i};
+  return {};
+}
+
+KeyframeId LocalMapper::last_seeing(KeyframeId id) const {
+  while (map_.keyframe(id).blind() && map_.keyframe(id).odometry) id = map_.keyframe(id).odometry->from;
+  return id;
+}
+
+std::vector<KeyframeId> LocalMapper::adjustment_window(KeyframeId id) const {
   std::vector<KeyframeId> window{id};
   for (const Covisible& c : map_.best_covisible(id, static_cast<std::size_t>(options_.window - 1)))
     window.push_back(c.keyframe);
   std::sort(window.begin(), window.end());
+  // A blind stretch before one of them hangs on both its ends.
+  for (std::size_t i = 0; i < window.size(); ++i) {
+    const auto& edge = map_.keyframe(window[i]).odometry;
+    if (edge && map_.keyframe(edge->from).blind() &&
+        std::find(window.begin(), window.end(), edge->from) == window.end())
+      window.push_back(edge->from);
+  }
+  std::sort(window.begin(), window.end());
+  return window;
+}
+
+void LocalMapper::adjust(KeyframeId id, const std::atomic<bool>* stop) {
+  // Variable poses, the points they see, and the other keyframes that see these points, which stay fixed.
+  const std::vector<KeyframeId> window = adjustment_window(id);
 
   std::vector<PointId> points;
   for (const KeyframeId keyframe : window)
@@ -293,6 +326,10 @@ void LocalMapper::adjust(KeyframeId id, const std::atomic<bool>* stop) {
   BundleProblem problem;
   std::vector<KeyframeId> keyframes = window;
   for (const Covisible& f : fixed) keyframes.push_back(f.keyframe);
+  for (const KeyframeId keyframe : window)
+    if (const auto& edge = map_.keyframe(keyframe).odometry)
+      if (std::find(keyframes.begin(), keyframes.end(), edge->from) == keyframes.end())
+        keyframes.push_back(edge->from);
   std::vector<int> pose_of(map_.keyframe_id_end(), -1);
   bool anchored = false;
   for (std::size_t i = 0; i < keyframes.size(); ++i) {
@@ -304,6 +341,12 @@ void LocalMapper::adjust(KeyframeId id, const std::atomic<bool>* stop) {
     problem.fixed.push_back(hold);
   }
   if (!anchored) problem.fixed.front() = 1;  // the oldest of the window
+  for (std::size_t i = 0; i < keyframes.size(); ++i)
+    if (const auto& edge = map_.keyframe(keyframes[i]).odometry; edge && pose_of[edge->from.value] >= 0)
+      problem.relative_poses.push_back({.a = pose_of[edge->from.value],
+                                        .b = static_cast<int>(i),
+                                        .T_a_b = edge->motion.T,
+                                        .information = edge->motion.covariance.inverse()});
   if (std::all_of(problem.fixed.begin(), problem.fixed.end(), [](auto f) { return f != 0; })) return;
 
   std::vector<std::pair<PointId, KeyframeId>> observed;
@@ -405,7 +448,10 @@ std::vector<KeyframeId> LocalMapper::neighbourhood(KeyframeId id) const {
     taken[keyframe.value] = true;
     chosen.push_back(keyframe);
   };
-  const auto nearest = map_.best_covisible(id, limit);
+  // Of a blind one, what its last predecessor that saw had around it.
+  const KeyframeId seeing = last_seeing(id);
+  take(seeing);
+  const auto nearest = map_.best_covisible(seeing, limit);
   for (const Covisible& c : nearest) take(c.keyframe);
   // Places seen long ago, where the robot looks at them again.
   const Keyframe& keyframe = map_.keyframe(id);
@@ -443,6 +489,8 @@ std::shared_ptr<const LocalMap> LocalMapper::copy(KeyframeId newest) const {
   local->newest = newest;
   local->newest_t = keyframe.t;
   local->newest_points = keyframe.points;
+  local->anchor = last_seeing(newest);
+  local->anchor_covariance = map_.keyframe(local->anchor).covariance;
   local->disparity_bias = disparity_bias_;
   std::vector<KeyframeId> keyframes = neighbourhood(newest);
   std::sort(keyframes.begin(), keyframes.end());

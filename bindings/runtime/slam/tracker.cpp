@@ -49,11 +49,12 @@ void Tracker::set_local_map(std::shared_ptr<const LocalMap> map) {
     last_.T_camera_world = last_.T_camera_reference * *T_reference_world;
 }
 
-TrackResult Tracker::track(StereoFrame& frame) {
+TrackResult Tracker::track(StereoFrame& frame, const MotionPrior* prior) {
   frame.points.assign(frame.measurements.size(), PointId{});
+  prior_ = prior;
   if (!map_) return start(frame);
 
-  const SE3d T_predicted = *predict(frame.t);
+  const SE3d T_predicted = prior ? prior->T_camera_world : *predict(frame.t);
   collect_last_points();
   PoseResult pose = find_pose(frame, T_predicted);
   TrackResult result;
@@ -61,7 +62,10 @@ TrackResult Tracker::track(StereoFrame& frame) {
     pose = refine_by_local_map(frame, pose);
     for (const PointId point : frame.points) result.points += point.valid();
   }
-  if (!pose.usable() || pose.inliers < options_.min_points) return lose(frame);
+  if (!pose.usable() || pose.inliers < needed_points()) {
+    prior_ = prior;
+    return lose(frame);
+  }
 
   frame.T_camera_world = pose.T_camera_world;
   frame.covariance = pose.covariance;
@@ -74,7 +78,8 @@ TrackResult Tracker::track(StereoFrame& frame) {
 }
 
 TrackResult Tracker::start(StereoFrame& frame) {
-  frame.T_camera_world = T_start_;
+  frame.T_camera_world = prior_ ? prior_->T_camera_world : T_start_;
+  if (prior_) frame.covariance = prior_->covariance;
   if (count_certain(frame) < options_.min_start_points) return {};
   // Until the mapper has made a copy, frames are tracked against the one before.
   map_ = std::make_shared<LocalMap>();
@@ -85,12 +90,16 @@ TrackResult Tracker::start(StereoFrame& frame) {
 TrackResult Tracker::lose(StereoFrame& frame) {
   ++lost_frames_;
   std::fill(frame.points.begin(), frame.points.end(), PointId{});
-  frame.T_camera_world = last_.T_camera_world;
+  frame.T_camera_world = prior_ ? prior_->T_camera_world : last_.T_camera_world;
+  if (prior_) frame.covariance = prior_->covariance;
   std::tie(frame.reference, frame.T_camera_reference) = refer(frame.T_camera_world);
   TrackResult result{.state = TrackingState::lost};
-  if (lost_frames_ >= options_.restart_after && count_certain(frame) >= options_.min_start_points) {
+  if ((prior_ || lost_frames_ >= options_.restart_after) &&
+      count_certain(frame) >= options_.min_start_points) {
     result.wants_keyframe = result.starts_map = true;
     keep_as_last(frame);
+  } else if (prior_ && frame.reference.valid()) {
+    result.wants_keyframe = result.blind = options_.blind_keyframe.wants_keyframe(situation(frame, 0));
   }
   velocity_.setZero();
   return result;
@@ -146,22 +155,35 @@ void Tracker::collect_last_points() {
 
 PoseResult Tracker::find_pose(const StereoFrame& frame, const SE3d& T_predicted) {
   PoseResult pose;
-  const int needed = std::max(options_.min_points, 20);
+  const int needed = prior_ ? needed_points() : std::max(options_.min_points, 20);
   double radius = options_.search_radius;
   for (int attempt = 0; attempt < 2; ++attempt, radius *= kWiderSearch) {
     const int searched = match_last_frame(frame, T_predicted, radius);
     pose = solve(frame, T_predicted);
-    // Once lost, the prediction is not to be trusted even where it seems to hold.
-    if (lost_frames_ == 0 && pose.usable() && pose.inliers >= needed && pose.inliers > kFoundShare * searched)
+    // Once lost, a prediction without odometry is not to be trusted even where it seems to hold.
+    if ((prior_ || lost_frames_ == 0) && pose.usable() && pose.inliers >= needed &&
+        pose.inliers > kFoundShare * searched)
       return pose;
   }
   const std::optional<SE3d> T_found = find_without_prior(frame);
   if (!T_found) return pose;
+  // Odometry is not believed against what most of a picture says: wheels slip.
+  const MotionPrior* believed = std::exchange(prior_, nullptr);
   const std::vector<Target> by_projection = matched_;
-  match_last_frame(frame, *T_found, options_.search_radius);
+  const std::vector<std::uint8_t> taken = taken_;
+  const std::vector<std::uint32_t> observed = observed_;
+  const std::vector<std::uint8_t> inlier = inlier_;
+  const int searched = match_last_frame(frame, *T_found, options_.search_radius);
   const PoseResult other = solve(frame, *T_found);
-  if (other.usable() && (!pose.usable() || other.inliers > pose.inliers)) return other;
+  const bool better = believed
+                          ? other.inliers >= std::max({options_.min_points, 2 * pose.inliers, searched / 2})
+                          : !pose.usable() || other.inliers > pose.inliers;
+  if (other.usable() && better) return other;
+  prior_ = believed;
   matched_ = by_projection;
+  taken_ = taken;
+  observed_ = observed;
+  inlier_ = inlier;
   return pose;
 }
 
@@ -221,7 +243,14 @@ PoseResult Tracker::solve(const StereoFrame& frame, const SE3d& T_start) {
                              .p_world_spread = matched_[i].spread});
     observed_.push_back(i);
   }
-  return solve_pose(camera_, T_start, observations_, options_.pose, inlier_, nullptr, &workspace_);
+  // Noisier eyes are the same as a firmer prior, but for the scale of the covariance.
+  const double scale = options_.vision_noise * options_.vision_noise;
+  PosePrior prior;
+  if (prior_) prior = {prior_->T_camera_world, scale * prior_->covariance.inverse()};
+  PoseResult result = solve_pose(camera_, T_start, observations_, options_.pose, inlier_,
+                                 prior_ ? &prior : nullptr, &workspace_);
+  if (result.usable()) result.covariance *= scale;
+  return result;
 }
 
 std::optional<SE3d> Tracker::find_without_prior(const StereoFrame& frame) {

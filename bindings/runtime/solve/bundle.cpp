@@ -18,7 +18,8 @@
 namespace sweepkit {
 namespace {
 
-constexpr double kGateMono = 5.991464547107979;    // chi-square, 95 %, 2 degrees of freedom
+constexpr double kGateMono = 5.991464547107979;  // chi-square, 95 %, 2 degrees of freedom
+constexpr double kGateRelative = 12.59;
 constexpr double kGateStereo = 7.814727903251179;  // and 3
 
 // A pose as Ceres holds it: x y z of the translation, x y z w of the quaternion.
@@ -152,6 +153,8 @@ class RelativePoseCost final : public ceres::SizedCostFunction<6, 7, 7> {
     root_ = eigen.eigenvalues().cwiseMax(0.0).cwiseSqrt().asDiagonal() * eigen.eigenvectors().transpose();
   }
 
+  void switch_off() { root_.setZero(); }
+
   bool Evaluate(const double* const* parameters, double* residuals, double** jacobians) const override {
     Mat6<double> J_a, J_b;
     Eigen::Map<Vec6<double>> r(residuals);
@@ -267,6 +270,8 @@ BundleResult solve_bundle(const RectifiedCamera& camera, BundleProblem& problem,
   bool estimate_bias = problem.disparity_bias_sigma > 0.0;
   BiasPriorCost bias_prior(problem.disparity_bias, estimate_bias ? problem.disparity_bias_sigma : 1.0);
   std::deque<RelativePoseCost> relative;
+  // Odometry that is wrong altogether, by slip, shall not bend the map.
+  ceres::HuberLoss relative_loss(std::sqrt(options.gate * kGateRelative));
   std::vector<std::uint8_t> pose_used(pose_count, 0), point_used(point_count, 0);
   ceres::Problem ceres_problem(problem_options);
   std::vector<int> place(problem.observations.size(), -1);  // in mono or stereo
@@ -297,8 +302,11 @@ BundleResult solve_bundle(const RectifiedCamera& camera, BundleProblem& problem,
   for (const RelativePose& r : problem.relative_poses) {
     const auto a = static_cast<std::size_t>(r.a), b = static_cast<std::size_t>(r.b);
     pose_used[a] = pose_used[b] = 1;
-    ceres_problem.AddResidualBlock(&relative.emplace_back(r), nullptr, poses[a].data(), poses[b].data());
+    ceres_problem.AddResidualBlock(&relative.emplace_back(r), &relative_loss, poses[a].data(),
+                                   poses[b].data());
   }
+
+  std::vector<std::uint8_t> relative_outlier(relative.size(), 0);
 
   ceres::Solver::Options solver;
   solver.logging_type = ceres::SILENT;
@@ -338,6 +346,15 @@ BundleResult solve_bundle(const RectifiedCamera& camera, BundleProblem& problem,
                                       points[static_cast<std::size_t>(o.point)], o, bias, options.gate);
       result.outliers += result.outlier[i];
     }
+    result.relative_outliers = 0;
+    for (std::size_t i = 0; i < relative.size(); ++i) {
+      const RelativePose& r = problem.relative_poses[i];
+      const Vec6<double> e =
+          relative_pose_error(to_motion(poses[static_cast<std::size_t>(r.a)].data()),
+                              to_motion(poses[static_cast<std::size_t>(r.b)].data()), r.T_a_b);
+      relative_outlier[i] = !(e.dot(r.information * e) <= options.gate * kGateRelative);
+      result.relative_outliers += relative_outlier[i];
+    }
   };
   const auto stop_asked = [&] { return stop && stop->load(std::memory_order_relaxed); };
 
@@ -359,7 +376,9 @@ BundleResult solve_bundle(const RectifiedCamera& camera, BundleProblem& problem,
     }
     if (round == 1) break;
     mark();
-    if (result.outliers == 0 || options.iterations == 0) break;
+    if ((result.outliers == 0 && result.relative_outliers == 0) || options.iterations == 0) break;
+    for (std::size_t i = 0; i < relative.size(); ++i)
+      if (relative_outlier[i]) relative[i].switch_off();
     for (std::size_t i = 0; i < place.size(); ++i) {
       if (place[i] < 0 || !result.outlier[i]) continue;
       const auto k = static_cast<std::size_t>(place[i]);

@@ -87,7 +87,7 @@ class Run {
     const StereoRig rig = recording_->rig().stereo();
     if (options_.pictures.every > 0)
       pictures_.emplace(rig, writer_.folder() / "pictures", options_.pictures.every);
-    Sweeper sweeper(rig, options_.sweeper, &events_, pictures_ ? &*pictures_ : nullptr);
+    Sweeper sweeper(recording_->rig(), options_.sweeper, &events_, pictures_ ? &*pictures_ : nullptr);
     RunResult result;
     std::string ended = "end of recording";
     std::exception_ptr damage;

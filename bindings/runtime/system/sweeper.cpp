@@ -4,6 +4,8 @@
 
 #include <algorithm>
 #include <atomic>
+#include <chrono>
+#include <cmath>
 #include <condition_variable>
 #include <deque>
 #include <exception>
@@ -13,12 +15,15 @@
 #include <thread>
 #include <tuple>
 #include <utility>
+#include <variant>
 
 namespace sweepkit {
 namespace {
 
 // The rig's bias of disparities is told again when it has changed by so much [px].
 constexpr double kNewsOfDisparityBias = 0.05;
+// Samples kept while no image comes: 20 s of an IMU and wheels.
+constexpr std::size_t kPendingSamples = 5000;
 constexpr TimeNs kNever = std::numeric_limits<TimeNs>::min();
 
 RectifiedCamera rectified_camera(const StereoRig& rig) {
@@ -37,7 +42,8 @@ std::string size_of(const SharedGray& image) {
 
 class Sweeper::Impl {
  public:
-  Impl(const StereoRig& rig, const SweeperOptions& options, EventSink* events, FrameSink* frames)
+  Impl(const StereoRig& rig, const MotionSensors& sensors, const SweeperOptions& options, EventSink* events,
+       FrameSink* frames)
       : rig_(rig),
         options_(options),
         events_(events),
@@ -45,7 +51,9 @@ class Sweeper::Impl {
         T_camera_body_(rig.T_body_camera().inverse()),
         frontend_(rig, options.frontend),
         tracker_(rectified_camera(rig), rig.bounds(), levels(), options.tracker, T_camera_body_),
-        mapper_(rectified_camera(rig), rig.bounds(), levels(), options.mapper) {
+        mapper_(rectified_camera(rig), rig.bounds(), levels(), options.mapper),
+        bridge_(sensors, options.odometry),
+        live_(bridge_.filter()) {
     if (options_.realtime) {
       tracking_thread_ = std::thread([this] { run_tracking(); });
       mapping_thread_ = std::thread([this] { run_mapping(); });
@@ -73,9 +81,14 @@ class Sweeper::Impl {
       return;
     }
     last_t = sample.t;
-    std::scoped_lock state(state_mutex_);
-    ++(counts_.*count);
-    newest_sample_ = std::max(newest_sample_, sample.t);
+    {
+      const std::scoped_lock state(state_mutex_);
+      ++(counts_.*count);
+      newest_sample_ = std::max(newest_sample_, sample.t);
+      if (bridge_.usable()) take_sample(sample);
+      if (std::same_as<Inertial, ImuSample> || last_imu_ == kNever) last_motion_ = sample.t;
+    }
+    samples_came_.notify_all();
   }
 
   void feed(const ImuSample& s) {
@@ -152,6 +165,7 @@ class Sweeper::Impl {
     if (after == history_.end()) {
       const TrackedImage& last = history_.back();
       if (t > std::max(newest_sample_, last.t)) return std::nullopt;
+      if (!live_poses_.empty()) return live_pose(t, frame);
       BodyPose pose{t, pose_of(last), last.covariance, PoseBasis::guess};
       if (history_.size() > 1) {
         const TrackedImage& before = history_[history_.size() - 2];
@@ -190,8 +204,59 @@ class Sweeper::Impl {
   const SweeperOptions& options() const { return options_; }
   const StageClock& stage_clock() const { return clock_; }
   const Map& map() const { return mapper_.map(); }
+  std::optional<NavigationState> navigation() const {
+    const std::scoped_lock lock(state_mutex_);
+    return navigation_;
+  }
 
  private:
+  using MotionSample = std::variant<ImuSample, WheelSample>;
+  struct LivePose {
+    TimeNs t;
+    SE3d T_map_body;
+  };
+  static TimeNs stamp_of(const MotionSample& sample) {
+    return std::visit([](const auto& s) { return s.t; }, sample);
+  }
+
+  // Keeps a sample for the next image, and carries the pose between images on by it. Under state_mutex_.
+  void take_sample(const MotionSample& sample) {
+    const auto place = std::upper_bound(pending_.begin(), pending_.end(), stamp_of(sample),
+                                        [](TimeNs t, const MotionSample& s) { return t < stamp_of(s); });
+    pending_.insert(place, sample);
+    // Without images for long the oldest go: nothing may grow for ever.
+    if (pending_.size() > kPendingSamples) pending_.pop_front();
+    if (live_.started()) run_live(sample);
+  }
+
+  void run_live(const MotionSample& sample) {
+    if (stamp_of(sample) < live_.state().t) return;  // late: the next image takes it in its turn
+    std::visit([&](const auto& s) { live_.add(s); }, sample);
+    if (live_poses_.size() < kPendingSamples)
+      live_poses_.push_back({live_.state().t, live_.state().T_world_body});
+  }
+
+  // After the last image, from what came since. Under state_mutex_.
+  BodyPose live_pose(TimeNs t, Frame frame) const {
+    const auto after = std::lower_bound(live_poses_.begin(), live_poses_.end(), t,
+                                        [](const LivePose& pose, TimeNs key) { return pose.t < key; });
+    SE3d T_map_body;
+    if (after == live_poses_.end()) {
+      NavigationFilter filter = live_;
+      filter.advance(t);
+      T_map_body = filter.state().T_world_body;
+    } else if (after == live_poses_.begin()) {
+      T_map_body = after->T_map_body;
+    } else {
+      const LivePose& before = *(after - 1);
+      const double share = to_seconds(t - before.t) / to_seconds(after->t - before.t);
+      T_map_body = interpolate(before.T_map_body, after->T_map_body, share);
+    }
+    const Mat6<double> covariance = live_.state().pose_covariance() + live_drift_;
+    return {t, frame == Frame::odom ? live_T_odom_map_ * T_map_body : T_map_body, covariance,
+            PoseBasis::odometry};
+  }
+
   ScaleLevels levels() const { return {options_.frontend.orb.scale_factor, options_.frontend.orb.levels}; }
 
   void tell(const Event& event) {
@@ -220,9 +285,38 @@ class Sweeper::Impl {
     }
   }
 
+  // Hands the bridge what IMU and wheels said up to an image.
+  void run_bridge(TimeNs t) {
+    if (!bridge_.usable()) return;
+    {
+      const std::scoped_lock lock(state_mutex_);
+      const auto end = std::upper_bound(pending_.begin(), pending_.end(), t,
+                                        [](TimeNs key, const MotionSample& s) { return key < stamp_of(s); });
+      due_.assign(pending_.begin(), end);
+      pending_.erase(pending_.begin(), end);
+    }
+    for (const MotionSample& sample : due_) std::visit([&](const auto& s) { bridge_.add(s); }, sample);
+    if (!bridge_.started()) bridge_.start(t);
+    bridge_.advance(t);
+    for (const Event& event : bridge_.take_events()) tell(event);
+  }
+
+  // What came after the image carries the pose on from what is known now.
+  void restart_live() {
+    if (!bridge_.started()) return;
+    const std::scoped_lock lock(state_mutex_);
+    live_ = bridge_.filter();
+    navigation_ = live_.state();
+    live_poses_.assign(1, {live_.state().t, live_.state().T_world_body});
+    live_T_odom_map_ = T_odom_map_;
+    live_drift_ = drift(live_.state().T_world_body);
+    for (const MotionSample& sample : pending_) run_live(sample);
+  }
+
   // The frame path, in the thread of the feed or of tracking.
   void process(const StereoImage& image) {
     take_local_map();
+    run_bridge(image.t);
     TrackedImage tracked;
     tracked.t = image.t;
     std::optional<KeyframeCandidate> candidate;
@@ -234,6 +328,7 @@ class Sweeper::Impl {
       candidate = track(image, tracked);
     }
     record(tracked);
+    restart_live();
     {
       const std::scoped_lock lock(state_mutex_);
       ++counts_.images;
@@ -252,10 +347,13 @@ class Sweeper::Impl {
       const auto scope = clock_.time(Stage::stereo);
       frontend_.match(frame_);
     }
+    tell_darkness(image);
     TrackResult result;
+    std::optional<MotionPrior> prior;
+    if (bridge_.started()) prior = prior_of(bridge_.pose());
     {
       const auto scope = clock_.time(Stage::track);
-      result = tracker_.track(frame_);
+      result = tracker_.track(frame_, prior ? &*prior : nullptr);
     }
     tracked.T_map_body = frame_.T_camera_world.inverse() * T_camera_body_;
     tracked.reference = frame_.reference;
@@ -265,21 +363,76 @@ class Sweeper::Impl {
       const Mat6<double> Ad = rig_.T_body_camera().adjoint();
       tracked.covariance = Ad * frame_.covariance * Ad.transpose();
       tracked.basis = PoseBasis::vision;
+      if (prior) {
+        // Where odometry went wrong unseen, seeing again moves the map under the robot, not the robot.
+        if (state_ == TrackingState::lost)
+          T_odom_map_ = T_odom_map_ * bridge_.pose().T * tracked.T_map_body.inverse();
+        bridge_.correct(tracked.T_map_body, tracked.covariance);
+      }
+    } else if (prior) {
+      tracked.covariance = bridge_.pose().covariance;
+      tracked.basis = PoseBasis::odometry;
     }
+    tracked.covariance += drift(tracked.T_map_body);
     tell_state(image.t, result);
-    if (!result.wants_keyframe || !(result.starts_map || mapper_has_room())) return std::nullopt;
-    return KeyframeCandidate{frame_, tracker_.take_counts(), result.starts_map};
+    if (!result.wants_keyframe || !((result.starts_map && !result.blind) || mapper_has_room()))
+      return std::nullopt;
+    KeyframeCandidate candidate{frame_, tracker_.take_counts(), result.starts_map, std::nullopt};
+    if (result.blind) {
+      candidate.frame.measurements.clear();
+      candidate.frame.descriptors.clear();
+      candidate.frame.points.clear();
+    }
+    if (bridge_.started()) {
+      const UncertainMotion<double> moved = bridge_.take_motion();
+      const SE3d& T_body_camera = rig_.T_body_camera();
+      if (moved_before_)
+        candidate.odometry = {T_camera_body_ * moved.T * T_body_camera,
+                              carry_covariance(moved.covariance, T_body_camera)};
+      moved_before_ = true;
+    }
+    return candidate;
   }
 
-  // An image that cannot be looked at still gets a pose: it runs on as before.
+  MotionPrior prior_of(const UncertainMotion<double>& T_map_body) const {
+    return {T_camera_body_ * T_map_body.T.inverse(),
+            carry_covariance(T_map_body.covariance, rig_.T_body_camera())};
+  }
+
+  // How uncertain the map is here, since its start: of a right perturbation of the body's pose.
+  Mat6<double> drift(const SE3d& T_map_body) const {
+    const SE3d* T_anchor_map = local_map_ ? local_map_->find(local_map_->anchor) : nullptr;
+    if (!T_anchor_map) return Mat6<double>::Zero();
+    return carry_covariance(local_map_->anchor_covariance, *T_anchor_map * T_map_body);
+  }
+
+  // An image that cannot be looked at still gets a pose: by odometry, or running on as before.
   TrackedImage pass_over(TimeNs t) const {
     TrackedImage tracked;
     tracked.t = t;
-    if (const auto T_camera_world = tracker_.predict(t)) {
+    std::optional<SE3d> T_camera_world = tracker_.predict(t);
+    if (bridge_.started()) {
+      T_camera_world = prior_of(bridge_.pose()).T_camera_world;
+      tracked.covariance = bridge_.pose().covariance;
+      tracked.basis = PoseBasis::odometry;
+    }
+    if (T_camera_world) {
       tracked.T_map_body = T_camera_world->inverse() * T_camera_body_;
       std::tie(tracked.reference, tracked.T_camera_reference) = tracker_.refer(*T_camera_world);
+      tracked.covariance += drift(tracked.T_map_body);
     }
     return tracked;
+  }
+
+  void tell_darkness(const StereoImage& image) {
+    const GrayView& view = image.left.view;
+    std::int64_t sum = 0, count = 0;
+    for (int y = 2; y < view.height; y += 4)
+      for (int x = 2; x < view.width; x += 4, ++count) sum += view.row(y)[x];
+    const double mean = count > 0 ? static_cast<double>(sum) / static_cast<double>(count) : 0;
+    const bool dark = mean < options_.dark_level;
+    if (dark && !dark_) tell(Event(image.t, "dark").with("mean_grey", mean));
+    dark_ = dark;
   }
 
   void tell_missing(const StereoImage& image) {
@@ -355,6 +508,7 @@ class Sweeper::Impl {
     if (!map) return;
     const SE3d T_map_body_before = tracker_.last_T_camera_world().inverse() * T_camera_body_;
     tracker_.set_local_map(map);
+    local_map_ = map;
     frontend_.set_disparity_bias(map->disparity_bias);
     if (std::abs(map->disparity_bias - told_disparity_bias_) > kNewsOfDisparityBias) {
       told_disparity_bias_ = map->disparity_bias;
@@ -363,6 +517,7 @@ class Sweeper::Impl {
     const SE3d T_map_body_after = tracker_.last_T_camera_world().inverse() * T_camera_body_;
     // The map was corrected under the robot: odom stays, and the correction goes between the two frames.
     T_odom_map_ = T_odom_map_ * T_map_body_before * T_map_body_after.inverse();
+    if (bridge_.started()) bridge_.move_world(T_map_body_after * T_map_body_before.inverse());
     const std::scoped_lock lock(state_mutex_);
     const auto it = std::lower_bound(history_.begin(), history_.end(), map->newest_t,
                                      [](const TrackedImage& image, TimeNs key) { return image.t < key; });
@@ -384,12 +539,22 @@ class Sweeper::Impl {
         images_.pop_front();
         dropped.swap(dropped_);
       }
+      wait_for_samples(image.t);
       for (const TimeNs t : dropped) {
+        run_bridge(t);
         TrackedImage tracked = pass_over(t);
         record(tracked);
       }
       guard(image.t, "cameras", [&] { process(image); });
     }
+  }
+
+  // Images come before the samples of their time where sensors have delays of their own.
+  void wait_for_samples(TimeNs t) {
+    if (!bridge_.usable()) return;
+    const auto until = std::chrono::steady_clock::now() + std::chrono::duration<double>(options_.sample_wait);
+    std::unique_lock lock(state_mutex_);
+    samples_came_.wait_until(lock, until, [&] { return last_motion_ >= t; });
   }
 
   void run_mapping() {
@@ -425,7 +590,13 @@ class Sweeper::Impl {
   double told_disparity_bias_ = 0;
   bool restarted_ = false;  // since it was lost vision has started again at the last pose
 
+  std::shared_ptr<const LocalMap> local_map_;  // the tracker's
+  bool dark_ = false;
+  bool moved_before_ = false;  // there was a keyframe from which odometry counts
+
   LocalMapper mapper_;
+  OdometryBridge bridge_;  // of the frame path
+  std::vector<MotionSample> due_;
   std::atomic<bool> hurry_ = false;  // another keyframe waits: mapping leaves early
 
   std::mutex feed_mutex_;
@@ -444,13 +615,26 @@ class Sweeper::Impl {
   std::deque<TrackedImage> history_;
   SweeperCounts counts_;
   TimeNs newest_sample_ = kNever;
+  TimeNs last_motion_ = kNever;       // newest of IMU, or of wheels without one
+  std::deque<MotionSample> pending_;  // since the last image, by stamp
+  // Carried on from the last image by what came since; poses at the rate of the samples.
+  NavigationFilter live_;
+  std::vector<LivePose> live_poses_;
+  SE3d live_T_odom_map_;
+  Mat6<double> live_drift_ = Mat6<double>::Zero();
+  std::optional<NavigationState> navigation_;
+  std::condition_variable samples_came_;
 
   std::thread tracking_thread_, mapping_thread_;
 };
 
 Sweeper::Sweeper(const StereoRig& rig, const SweeperOptions& options, EventSink* events, FrameSink* frames) {
   check_options(options);
-  impl_ = std::make_unique<Impl>(rig, options, events, frames);
+  impl_ = std::make_unique<Impl>(rig, MotionSensors{}, options, events, frames);
+}
+Sweeper::Sweeper(const Rig& rig, const SweeperOptions& options, EventSink* events, FrameSink* frames) {
+  check_options(options);
+  impl_ = std::make_unique<Impl>(rig.stereo(), rig.motion(), options, events, frames);
 }
 Sweeper::~Sweeper() = default;
 void Sweeper::feed(const ImuSample& sample) noexcept { impl_->feed(sample); }
@@ -465,5 +649,6 @@ std::vector<TrackedImage> Sweeper::images(std::size_t first) const { return impl
 SE3d Sweeper::optimized_pose(const TrackedImage& image) const { return impl_->optimized_pose(image); }
 const StageClock& Sweeper::stage_clock() const { return impl_->stage_clock(); }
 const Map& Sweeper::map() const { return impl_->map(); }
+std::optional<NavigationState> Sweeper::navigation() const { return impl_->navigation(); }
 
 }  // namespace sweepkit

@@ -3,12 +3,14 @@
 #pragma once
 
 #include <cstdint>
+#include <optional>
 #include <vector>
 
 #include "sweepkit/core/ids.hpp"
 #include "sweepkit/core/time.hpp"
 #include "sweepkit/feature/descriptor.hpp"
 #include "sweepkit/geometry/se3.hpp"
+#include "sweepkit/motion/integrators.hpp"
 
 namespace sweepkit {
 
@@ -38,6 +40,12 @@ struct Covisible {
   int points = 0;
 };
 
+/// The motion since the keyframe before in time, as wheels and IMU measured it without looking.
+struct OdometryEdge {
+  KeyframeId from;
+  UncertainMotion<double> motion;  ///< T_from_this between the two cameras
+};
+
 /// A frame that the map remembers. Its measurements stay as they are (but see Map::shift_disparities);
 /// `points[i]` is the map point seen at measurement i.
 struct Keyframe {
@@ -50,6 +58,13 @@ struct Keyframe {
   std::vector<PointId> points;
   std::vector<Covisible> covisible;  ///< sorted by keyframe; every count is at least 1
   KeyframeId parent;                 ///< in the spanning tree; none for the first of a map
+  std::optional<OdometryEdge> odometry;
+  /// Of T_camera_world as PoseResult has it, against the first keyframe of the map: what tracking and
+  /// odometry added up to on the way.
+  Mat6<double> covariance = Mat6<double>::Zero();
+
+  /// Made while nothing could be seen: it knows its pose by odometry alone.
+  bool blind() const { return measurements.empty(); }
 };
 
 }  // namespace sweepkit

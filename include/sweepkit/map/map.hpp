@@ -20,7 +20,8 @@ namespace sweepkit {
 /// `Keyframe::points`);
 /// - a point has at least one observation, and at most one by each keyframe;
 /// - `Keyframe::covisible` counts shared points exactly, the same on both sides;
-/// - a parent is a living keyframe of the same map, and parents form trees.
+/// - a parent is a living keyframe of the same map, and parents form trees;
+/// - odometry comes from a living keyframe of the same map.
 ///
 /// Ids are given in order of creation and never used again. Removed keyframes and points leave their id
 /// empty. Not thread safe: it has one owner.
@@ -33,8 +34,8 @@ class Map {
   /// Takes a keyframe over; `id`, `points` and `covisible` are set here. A parent must live and be of the
   /// same map.
   KeyframeId add_keyframe(Keyframe keyframe);
-  /// Its points lose an observation, those without another vanish; its children go to its parent. The root of
-  /// a map stays: throws Error(argument).
+  /// Its points lose an observation, those without another vanish; its children go to its parent,
+  /// the odometry from it and to it becomes one. The root of a map stays: throws Error(argument).
   void remove_keyframe(KeyframeId id);
 
   /// Makes a point seen at measurement `index` of a keyframe, which must be free.

@@ -55,4 +55,23 @@ struct KeyframeRule {
 
 static_assert(KeyframePolicy<KeyframeRule>);
 
+/// A keyframe of a robot that sees nothing, whenever beta = distance / a + angle / b exceeds 1.
+struct BlindKeyframeRule {
+  double distance = 0.1;
+  double angle = 10;
+
+  template <class Visitor>
+  void visit_options(Visitor& v) {
+    v(distance, "distance", "m", range(0.001, 1000), "way since the newest keyframe that alone makes one");
+    v(angle, "angle", "deg", range(0.1, 360), "turn since the newest keyframe that alone makes one");
+  }
+
+  double beta(double metres, double radians) const {
+    return metres / distance + radians * (180 / std::numbers::pi) / angle;
+  }
+  bool wants_keyframe(const KeyframeSituation& s) const { return beta(s.distance, s.angle) > 1; }
+};
+
+static_assert(KeyframePolicy<BlindKeyframeRule>);
+
 }  // namespace sweepkit

@@ -28,10 +28,14 @@ struct LocalPoint {
 /// What the tracker knows of the map: a copy, made by the mapper after each keyframe and never changed again,
 /// so that a frame waits for nobody.
 struct LocalMap {
-  KeyframeId newest;                                   ///< keyframe it was made for
-  TimeNs newest_t = 0;                                 ///< its stamp
-  std::vector<PointId> newest_points;                  ///< its points, by measurement
-  double disparity_bias = 0;                           ///< of the rig, as known now [px]
+  KeyframeId newest;                   ///< keyframe it was made for
+  TimeNs newest_t = 0;                 ///< its stamp
+  std::vector<PointId> newest_points;  ///< its points, by measurement
+  double disparity_bias = 0;           ///< of the rig, as known now [px]
+  /// The newest keyframe that saw something, in a blind stretch the last one before it, and how uncertain its
+  /// pose is, as Keyframe has it.
+  KeyframeId anchor;
+  Mat6<double> anchor_covariance = Mat6<double>::Zero();
   int reference_points = 0;                            ///< how many of them others see too
   std::vector<std::pair<KeyframeId, SE3d>> keyframes;  ///< T_camera_world of those around, sorted by id
   std::vector<LocalPoint> points;                      ///< sorted by id

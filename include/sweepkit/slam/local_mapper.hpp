@@ -4,6 +4,7 @@
 
 #include <atomic>
 #include <memory>
+#include <optional>
 #include <vector>
 
 #include "sweepkit/core/options.hpp"
@@ -11,6 +12,7 @@
 #include "sweepkit/geometry/stereo_rig.hpp"
 #include "sweepkit/map/map.hpp"
 #include "sweepkit/match/brute_force.hpp"
+#include "sweepkit/motion/integrators.hpp"
 #include "sweepkit/slam/local_map.hpp"
 #include "sweepkit/slam/scale_levels.hpp"
 #include "sweepkit/slam/stereo_frame.hpp"
@@ -87,6 +89,8 @@ struct KeyframeCandidate {
   StereoFrame frame;
   std::vector<PointCount> counts;  ///< since the last candidate
   bool starts_map = false;         ///< it knows no points: its pose is where a map starts, or starts again
+  /// The motion of the camera since the candidate before, if wheels or IMU tell.
+  std::optional<UncertainMotion<double>> odometry;
 };
 
 /// Owns the map: inserts keyframes, makes, fuses and culls points, adjusts the neighbourhood, and makes the
@@ -120,6 +124,9 @@ class LocalMapper {
   void cull_keyframes(KeyframeId newest);
   void refresh_appearance(PointId id);
   std::vector<KeyframeId> neighbourhood(KeyframeId id) const;
+  KeyframeId newest_before(KeyframeId id) const;
+  KeyframeId last_seeing(KeyframeId id) const;
+  std::vector<KeyframeId> adjustment_window(KeyframeId id) const;
   Vec3<float> spread(const MapPoint& point) const;
   std::shared_ptr<const LocalMap> copy(KeyframeId newest) const;
 

@@ -27,6 +27,8 @@ struct TrackerOptions {
   double search_radius = 15;
   double map_search_radius = 4;
   int min_points = 15;
+  int min_points_with_motion = 8;
+  double vision_noise = 2;
   int min_start_points = 50;
   int restart_after = 3;
   double max_depth_uncertainty = 0.2;
@@ -36,6 +38,7 @@ struct TrackerOptions {
   PnpOptions pnp;
   PoseOptions pose;
   KeyframeRule keyframe;
+  BlindKeyframeRule blind_keyframe;
 
   template <class Visitor>
   void visit_options(Visitor& v) {
@@ -44,9 +47,15 @@ struct TrackerOptions {
     v(map_search_radius, "map_search_radius", "px", range(1, 100),
       "the same for points of the local map, once the pose is known better");
     v(min_points, "min_points", "", range(4, 1000), "with fewer points tracked the robot is lost");
+    v(min_points_with_motion, "min_points_with_motion", "", range(0, 1000),
+      "the same where wheels or IMU say how the robot moved");
+    v(vision_noise, "vision_noise", "", range(0.1, 100),
+      "multiplies the standard deviations of what is seen, against those of odometry: errors of neighbouring "
+      "points and frames go together");
     v(min_start_points, "min_start_points", "", range(4, 10000), "stereo points needed to start a map");
     v(restart_after, "restart_after", "frames", range(1, 1000),
-      "lost for so many frames, vision starts again at the last pose");
+      "lost for so many frames, vision starts again at the last pose; with odometry it does so at once, at "
+      "the pose that odometry tells");
     v(max_depth_uncertainty, "max_depth_uncertainty", "", range(0.001, 1),
       "largest share of its depth by which a stereo point of the last frame may be uncertain to be tracked");
     v(view_angle, "view_angle", "deg", range(1, 180),
@@ -56,6 +65,8 @@ struct TrackerOptions {
     v.group(pnp, "pnp", "pose from matches without prediction");
     v.group(pose, "pose", "pose from matches, refined");
     v.group(keyframe, "keyframe", "when a frame becomes a keyframe");
+    v.group(blind_keyframe, "blind_keyframe",
+            "when one that shows nothing does, so that odometry goes into the map");
   }
 };
 
@@ -71,10 +82,18 @@ struct TrackResult {
   int points = 0;  ///< map points found
   bool wants_keyframe = false;
   bool starts_map = false;  ///< the keyframe to make is where vision starts (again)
+  bool blind = false;       ///< the keyframe to make is to hold odometry alone
 };
 
-/// Finds each frame's pose against a copy of the map: last frame's points by projection with a motion prior,
-/// without any prior where that fails, then the local map. Keeps its buffers; one thread at a time;
+/// Where wheels or IMU say that the camera is.
+struct MotionPrior {
+  SE3d T_camera_world;
+  Mat6<double> covariance = Mat6<double>::Identity();  ///< as PoseResult has it [m^2, rad^2]
+};
+
+/// Finds each frame's pose against a copy of the map: last frame's points by projection from where motion or
+/// odometry predict it, without any prediction where that fails, then the local map. Odometry counts as a
+/// measurement of the pose. Keeps its buffers; one thread at a time;
 /// deterministic.
 class Tracker {
  public:
@@ -87,7 +106,8 @@ class Tracker {
 
   /// Fills in points, pose, covariance and reference of a frame whose measurements, descriptors and grid are
   /// set.
-  TrackResult track(StereoFrame& frame);
+  /// @param prior where odometry says that it is; null without odometry
+  TrackResult track(StereoFrame& frame, const MotionPrior* prior = nullptr);
 
   /// Where the camera is expected, moving on as between the last two frames; nothing before there is a map.
   std::optional<SE3d> predict(TimeNs t) const;
@@ -108,6 +128,7 @@ class Tracker {
 
   TrackResult start(StereoFrame& frame);
   TrackResult lose(StereoFrame& frame);
+  int needed_points() const { return prior_ ? options_.min_points_with_motion : options_.min_points; }
   void keep_as_last(const StereoFrame& frame);
   bool certain(const Measurement& m) const;
   int count_certain(const StereoFrame& frame) const;
@@ -133,6 +154,7 @@ class Tracker {
   StereoFrame last_;                              // the last one tracked
   Vec6<double> velocity_ = Vec6<double>::Zero();  // camera twist between the last two frames [1/s]
   int lost_frames_ = 0;
+  const MotionPrior* prior_ = nullptr;  // of the frame being tracked, while it is believed
 
   ProjectionMatcher projection_;
   BruteForceMatcher brute_force_;

@@ -75,12 +75,13 @@ struct BundleResult {
   std::vector<std::uint8_t>
       outlier;  ///< for each observation: 1 beyond the gate or behind the camera at the end
   int outliers = 0;
+  int relative_outliers = 0;  ///< relative poses beyond the 95 % gate at the end
   int unused =
       0;  ///< observations of points that they do not determine: seen by one pose only, without disparity
 };
 
-/// Moves free poses and points to where the observations (Huber's loss, scale at the 95 % gate) and relative
-/// poses fit best: Ceres, Levenberg and Marquardt, Schur complement over the points, analytic Jacobians with
+/// Moves free poses and points to where the observations and relative poses fit best (Huber's loss, scale at
+/// the 95 % gate): Ceres, Levenberg and Marquardt, Schur complement over the points, analytic Jacobians with
 /// the perturbation Exp(xi) T_camera_world. After a first round what lies beyond the gate is left out and a
 /// second round follows. Fixed poses stay as they are to the last bit; free ones without any tie too.
 /// @param stop when it becomes true the solver ends after the iteration under way; may be null

@@ -12,10 +12,12 @@
 #include "sweepkit/core/options.hpp"
 #include "sweepkit/core/sample.hpp"
 #include "sweepkit/core/stage_clock.hpp"
+#include "sweepkit/data/source.hpp"
 #include "sweepkit/geometry/stereo_rig.hpp"
 #include "sweepkit/map/map.hpp"
 #include "sweepkit/slam/frontend.hpp"
 #include "sweepkit/slam/local_mapper.hpp"
+#include "sweepkit/slam/odometry_bridge.hpp"
 #include "sweepkit/slam/tracker.hpp"
 
 namespace sweepkit {
@@ -37,7 +39,7 @@ enum class PoseBasis {
 struct BodyPose {
   TimeNs t = 0;
   SE3d T_frame_body;  ///< frame: odom or map, as asked
-  /// Of xi in T_frame_body * Exp(xi), (rho, phi) in the body's axes, against the map nearby [m^2, rad^2].
+  /// Of xi in T_frame_body * Exp(xi), (rho, phi) in the body's axes, since the start of the map [m^2, rad^2].
   Mat6<double> covariance = Mat6<double>::Zero();
   PoseBasis basis = PoseBasis::guess;
 };
@@ -47,9 +49,12 @@ struct SweeperOptions {
   bool realtime = false;
   int image_queue = 2;
   int keyframe_queue = 2;
+  double sample_wait = 0.02;
+  double dark_level = 15;
   FrontendOptions frontend;
   TrackerOptions tracker;
   LocalMapperOptions mapper;
+  OdometryBridgeOptions odometry;
 
   template <class Visitor>
   void visit_options(Visitor& v) {
@@ -60,9 +65,13 @@ struct SweeperOptions {
       "images that may wait in real time before the oldest goes");
     v(keyframe_queue, "keyframe_queue", "keyframes", range(1, 100),
       "keyframes that may wait for mapping in real time before no more are made");
+    v(sample_wait, "sample_wait", "s", range(0, 1),
+      "how long an image waits in real time for wheel and IMU samples of its time");
+    v(dark_level, "dark_level", "grey", range(0, 255), "a mean of the left image below is darkness");
     v.group(frontend, "frontend", "from images to measurements");
     v.group(tracker, "tracker", "the pose of each frame");
     v.group(mapper, "mapper", "the map");
+    v.group(odometry, "odometry", "wheels and IMU");
   }
 };
 
@@ -113,7 +122,11 @@ class Sweeper {
   ///   null
   /// @param frames shown every frame; must outlive this; may be null
   /// Throws Error(option) if an option is out of range.
+  /// With cameras alone: samples of IMU and wheels are checked and counted, but nobody knows where they sit.
   explicit Sweeper(const StereoRig& rig, const SweeperOptions& options = {}, EventSink* events = nullptr,
+                   FrameSink* frames = nullptr);
+  /// With all sensors that there are. Throws Error(calibration) without two cameras.
+  explicit Sweeper(const Rig& rig, const SweeperOptions& options = {}, EventSink* events = nullptr,
                    FrameSink* frames = nullptr);
   /// Ends without waiting for what is still queued.
   ~Sweeper();
@@ -125,8 +138,9 @@ class Sweeper {
   void feed(StereoImage image) noexcept;
 
   /// The pose at any time from the first image to the newest sample, also while others feed; waits for no
-  /// tracking and no mapping. Between images along the constant twist from one to the next, after the last
-  /// one as it moved before. Nothing outside that time, and before the first image was tracked.
+  /// tracking and no mapping. Between images along the constant twist from one to the next; after the last
+  /// one as IMU or wheels tell, at their rate, and without them as it moved before. Nothing outside that
+  /// time, and before the first image was tracked.
   std::optional<BodyPose> pose_at(TimeNs t, Frame frame = Frame::odom) const;
 
   /// Processes what is queued and stops all threads. What is fed later is dropped. Called by nobody else.
@@ -143,6 +157,9 @@ class Sweeper {
   const StageClock& stage_clock() const;
   /// The map; in real time only after finish.
   const Map& map() const;
+  /// What is known of motion as of the last image: velocity, biases, the vertical, the wheels; nothing
+  /// without IMU and wheels or before the first image. Thread-safe.
+  std::optional<NavigationState> navigation() const;
 
  private:
   class Impl;
