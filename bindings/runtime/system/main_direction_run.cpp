@@ -23,7 +23,7 @@ namespace {
 constexpr double kDegree = std::numbers::pi / 180;
 
 using Color = std::array<std::uint8_t, 3>;
-// Of the labels -1 (none), 0 and 2 (horizontal), 1 (vertical).
+// Of the labels -1 (none), 0 (horizontal), 1 (vertical), 2 (the other horizontal).
 constexpr std::array<Color, 4> kColors{{{150, 150, 150}, {235, 60, 50}, {60, 120, 255}, {50, 210, 70}}};
 
 /// An image in colour, to be drawn on.
