@@ -147,7 +147,9 @@ struct MovingBodies {
     for (const Body& b : bodies) {
       const Vec3f ba = b.b - b.a;
       const float y = std::clamp((p - b.a).dot(ba) / std::max(ba.squaredNorm(), 1e-9f), 0.0f, 1.0f);
-      const float distance = std::max((p - b.a - ba * y).norm() - b.radius, 0.0f);
+      const float squared = (p - b.a - ba * y).squaredNorm();
+      if (squared > 49 * b.radius * b.radius) continue;
+      const float distance = std::max(std::sqrt(squared) - b.radius, 0.0f);
       left *= 1 - 0.45f * std::exp(-distance / (1.5f * b.radius));
     }
     return left;

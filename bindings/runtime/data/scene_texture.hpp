@@ -43,11 +43,14 @@ class Texture {
 
   static float bilinear(const Level& level, float u, float v) {
     const float x = u * static_cast<float>(level.size) - 0.5f, y = v * static_cast<float>(level.size) - 0.5f;
-    const float fx = std::floor(x), fy = std::floor(y);
-    const float ax = x - fx, ay = y - fy;
+    // Down to whole numbers, also below zero; std::floor is a call on baseline x86.
+    int ix = static_cast<int>(x), iy = static_cast<int>(y);
+    ix -= static_cast<float>(ix) > x;
+    iy -= static_cast<float>(iy) > y;
+    const float ax = x - static_cast<float>(ix), ay = y - static_cast<float>(iy);
     const int mask = level.size - 1;
-    const int x0 = static_cast<int>(fx) & mask, x1 = (x0 + 1) & mask;
-    const int y0 = static_cast<int>(fy) & mask, y1 = (y0 + 1) & mask;
+    const int x0 = ix & mask, x1 = (x0 + 1) & mask;
+    const int y0 = iy & mask, y1 = (y0 + 1) & mask;
     const std::uint16_t* top =
         level.texels.data() + static_cast<std::size_t>(y0) * static_cast<std::size_t>(level.size);
     const std::uint16_t* bottom =
