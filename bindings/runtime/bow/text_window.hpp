@@ -8,6 +8,7 @@
 #include <cstddef>
 #include <cstdint>
 #include <cstring>
+#include <memory>
 #include <string>
 #include <string_view>
 #include <vector>
@@ -24,12 +25,11 @@ class TextWindow {
   static constexpr std::size_t kReach = 1u << 16;
 
   explicit TextWindow(const std::string& path) : path_(path), buffer_(kCapacity) {
-    file_ = gzopen(path.c_str(), "rb");
+    file_.reset(gzopen(path.c_str(), "rb"));
     if (!file_) throw Error(ErrorKind::io, path, "cannot be opened");
-    gzbuffer(file_, 1u << 17);
+    gzbuffer(file_.get(), 1u << 17);
     refill();
   }
-  ~TextWindow() { gzclose_r(file_); }
   TextWindow(const TextWindow&) = delete;
   TextWindow& operator=(const TextWindow&) = delete;
 
@@ -116,6 +116,9 @@ class TextWindow {
   }
 
  private:
+  struct Close {
+    void operator()(gzFile_s* file) const { gzclose_r(file); }
+  };
   static constexpr std::size_t kCapacity = 4 * kReach;
 
   static bool is_letter(char c) { return (c >= 'a' && c <= 'z') || (c >= 'A' && c <= 'Z') || c == '_'; }
@@ -129,9 +132,9 @@ class TextWindow {
     const auto kept = static_cast<std::size_t>(end_ - p_);
     if (kept > 0) std::memmove(buffer_.data(), p_, kept);
     p_ = buffer_.data();
-    const int got = gzread(file_, buffer_.data() + kept, static_cast<unsigned>(kCapacity - kept));
+    const int got = gzread(file_.get(), buffer_.data() + kept, static_cast<unsigned>(kCapacity - kept));
     int code = Z_OK;
-    const char* message = gzerror(file_, &code);
+    const char* message = gzerror(file_.get(), &code);
     if (got < 0 || (code != Z_OK && code != Z_STREAM_END))
       throw Error(ErrorKind::data, path_, "cannot be read or is damaged", message ? message : "");
     end_ = p_ + kept + got;
@@ -139,7 +142,7 @@ class TextWindow {
   }
 
   std::string path_;
-  gzFile file_ = nullptr;
+  std::unique_ptr<gzFile_s, Close> file_;
   std::vector<char> buffer_;
   const char* p_ = nullptr;
   const char* end_ = nullptr;

@@ -120,6 +120,8 @@ class Vocabulary {
   static constexpr int kWords = Descriptor::kWords;
   /// So many descriptors go down together: while one is compared, the children of the others are fetched.
   static constexpr std::size_t kBatch = 64;
+  /// Smaller trees stay in the second-level cache, where fetching ahead gains nothing.
+  static constexpr std::uint64_t kCached = 512 * 1024;
 
   void prefetch(std::uint32_t line) const {
 #ifdef __GNUC__
@@ -138,6 +140,7 @@ class Vocabulary {
     std::array<std::uint32_t, kBatch> active, line;
     std::array<const double*, kBatch> weight;
     const std::size_t total = size;
+    const bool large = info_.bytes > kCached;
     for (std::size_t i = 0; i < size; ++i) {
       active[i] = static_cast<std::uint32_t>(i);
       line[i] = 0;
@@ -171,7 +174,7 @@ class Vocabulary {
         if (link <= line[i]) [[unlikely]]
           image_.fail("a link leads back", link);
         line[i] = link;
-        prefetch(link);
+        if (large) prefetch(link);
         active[left++] = i;
       }
       size = left;
