@@ -40,7 +40,7 @@ void compare_kernels(std::uint64_t seed) {
 #ifdef SWEEPKIT_HAVE_AVX2
     if (simd_level() == SimdLevel::avx2) check(impl::nearest_children_avx2<Words>);
     if (simd_level() == SimdLevel::avx2 && impl::has_vector_popcount())
-      check(impl::nearest_children_avx512<Words>);
+      check(impl::nearest_children_popcount<Words>);
 #endif
   }
 }

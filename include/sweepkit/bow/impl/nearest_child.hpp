@@ -124,29 +124,28 @@ inline bool has_vector_popcount() {
 }
 
 template <int Words>
-SWEEPKIT_TARGET_VECTOR_POPCOUNT void nearest_children_avx512(ChildSearch* searches, std::size_t size) {
-  const __m512i lanes = _mm512_setr_epi64(0, 1, 2, 3, 4, 5, 6, 7), step = _mm512_set1_epi64(8);
+SWEEPKIT_TARGET_VECTOR_POPCOUNT void nearest_children_popcount(ChildSearch* searches, std::size_t size) {
+  const __m256i lanes = _mm256_setr_epi64x(0, 1, 2, 3), step = _mm256_set1_epi64x(4);
   for (std::size_t s = 0; s < size; ++s) {
     ChildSearch& search = searches[s];
     const std::size_t count = search.count;
-    __m512i keys = _mm512_set1_epi64(0x7fffffff), index = lanes;
-    for (std::size_t i = 0; i < count; i += 8) {
-      const auto inside = static_cast<__mmask8>(count - i >= 8 ? 0xffu : (1u << (count - i)) - 1);
-      __m512i distance = _mm512_setzero_si512();
+    __m256i keys = _mm256_set1_epi64x(0x7fffffff), index = lanes;
+    for (std::size_t i = 0; i < count; i += 4) {
+      const auto inside = static_cast<__mmask8>(count - i >= 4 ? 0xfu : (1u << (count - i)) - 1);
+      __m256i distance = _mm256_setzero_si256();
 #pragma GCC unroll 8
       for (int w = 0; w < Words; ++w) {
-        const __m512i q = _mm512_set1_epi64(static_cast<long long>(search.query[w]));
-        const __m512i child = _mm512_maskz_loadu_epi64(inside, search.planes + w * count + i);
-        distance = _mm512_add_epi64(distance, _mm512_popcnt_epi64(_mm512_xor_si512(q, child)));
+        const __m256i query = _mm256_set1_epi64x(static_cast<long long>(search.query[w]));
+        const __m256i child = _mm256_maskz_loadu_epi64(inside, search.planes + w * count + i);
+        distance = _mm256_add_epi64(distance, _mm256_popcnt_epi64(_mm256_xor_si256(query, child)));
       }
-      const __m512i key = _mm512_or_si512(_mm512_slli_epi64(distance, kChildBits), index);
-      keys = _mm512_mask_min_epi64(keys, inside, keys, key);
-      index = _mm512_add_epi64(index, step);
+      const __m256i key = _mm256_or_si256(_mm256_slli_epi64(distance, kChildBits), index);
+      keys = _mm256_mask_min_epi64(keys, inside, keys, key);
+      index = _mm256_add_epi64(index, step);
     }
-    const __m256i four = _mm256_min_epi32(_mm512_castsi512_si256(keys), _mm512_extracti64x4_epi64(keys, 1));
-    __m128i two = _mm_min_epi32(_mm256_castsi256_si128(four), _mm256_extracti128_si256(four, 1));
-    two = _mm_min_epi32(two, _mm_shuffle_epi32(two, 0x4e));
-    const auto best = static_cast<std::uint32_t>(_mm_cvtsi128_si32(two));
+    __m128i half = _mm_min_epi32(_mm256_castsi256_si128(keys), _mm256_extracti128_si256(keys, 1));
+    half = _mm_min_epi32(half, _mm_shuffle_epi32(half, 0x4e));
+    const auto best = static_cast<std::uint32_t>(_mm_cvtsi128_si32(half));
     search.best = best & ((1u << kChildBits) - 1);
     search.distance = best >> kChildBits;
   }
@@ -159,7 +158,7 @@ template <int Words>
 void nearest_children(ChildSearch* searches, std::size_t size) {
 #ifdef SWEEPKIT_HAVE_AVX2
   if (simd_level() == SimdLevel::avx2)
-    return has_vector_popcount() ? nearest_children_avx512<Words>(searches, size)
+    return has_vector_popcount() ? nearest_children_popcount<Words>(searches, size)
                                  : nearest_children_avx2<Words>(searches, size);
 #endif
   nearest_children_portable<Words>(searches, size);
