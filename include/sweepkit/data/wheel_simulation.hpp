@@ -18,9 +18,9 @@ struct WheelSimulationOptions {
   double ticks_per_revolution = 1560.0;
   double wheel_radius = 0.035;
   double track_width = 0.235;
-  double radius_error_left = 0.0;
-  double radius_error_right = 0.0;
-  double track_error = 0.0;
+  double radius_error_left = 0.012;
+  double radius_error_right = -0.008;
+  double track_error = -0.011;
   double creep = 0.01;
   bool quantised = true;
 
