@@ -51,7 +51,7 @@ class OutputFile {
   explicit OutputFile(const std::string& path)
       : path_(path), beside_(path + "." + std::to_string(::getpid()) + ".part") {
     // Without compression zlib hands bytes through.
-    file_ = gzopen(beside_.c_str(), ends_with(path, ".gz") ? "wb6" : "wbT");
+    file_ = gzopen(beside_.c_str(), ends_with(path, ".gz") ? "wb3" : "wbT");
     if (!file_) throw Error(ErrorKind::io, path, "cannot be written", std::strerror(errno));
     gzbuffer(file_, 1u << 17);
   }
