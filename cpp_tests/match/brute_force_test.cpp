@@ -6,6 +6,7 @@
 
 #include "match/random_features.hpp"
 #include "sweepkit/core/simd.hpp"
+#include "sweepkit/match/impl/code_blocks.hpp"
 
 using namespace sweepkit;
 
@@ -49,13 +50,17 @@ TEST_CASE("brute force finds what the definition says, at every size and SIMD le
             .max_distance = 80, .ratio = ratio, .mutual = mutual, .check_orientation = false};
         const auto expected = slow_match(a, b, options);
         BruteForceMatcher matcher(options);
-        std::vector<Match> fast, portable;
+        std::vector<Match> fast, narrow, portable;
         const int count = matcher.match(a, b, fast);
+        impl::avx512_allowed() = false;
+        matcher.match(a, b, narrow);
+        impl::avx512_allowed() = true;
         {
           const ScopedSimdLevel level(SimdLevel::portable);
           matcher.match(a, b, portable);
         }
         CHECK(fast == expected);
+        CHECK(narrow == expected);
         CHECK(portable == expected);
         CHECK(count == std::ranges::count_if(expected, &Match::found));
       }

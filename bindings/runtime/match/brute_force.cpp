@@ -7,10 +7,16 @@
 
 #include "sweepkit/core/error.hpp"
 #include "sweepkit/core/simd.hpp"
+#include "sweepkit/match/impl/code_blocks.hpp"
 
 namespace sweepkit {
 
 namespace {
+
+#ifdef SWEEPKIT_HAVE_AVX2
+using impl::load_32;
+using impl::store_32;
+#endif
 
 // A distance (at most 256) and an index in one number, ordered by distance, then index.
 constexpr std::uint32_t kNone = std::numeric_limits<std::uint32_t>::max();
@@ -49,15 +55,6 @@ void find_nearest_portable(const OrbDescriptor& a, std::uint32_t a_index, const 
 }
 
 #ifdef SWEEPKIT_HAVE_AVX2
-/// Set bits of each byte (Mula, Kurz, Lemire, Faster population counts using AVX2 instructions, 2018).
-SWEEPKIT_TARGET_AVX2 inline __m256i count_bytes(__m256i x) {
-  const __m256i table = _mm256_setr_epi8(0, 1, 1, 2, 1, 2, 2, 3, 1, 2, 2, 3, 2, 3, 3, 4, 0, 1, 1, 2, 1, 2, 2,
-                                         3, 1, 2, 2, 3, 2, 3, 3, 4);
-  const __m256i low = _mm256_set1_epi8(15);
-  return _mm256_add_epi8(_mm256_shuffle_epi8(table, _mm256_and_si256(x, low)),
-                         _mm256_shuffle_epi8(table, _mm256_and_si256(_mm256_srli_epi16(x, 4), low)));
-}
-
 SWEEPKIT_TARGET_AVX2 void find_nearest_avx2(const OrbDescriptor& a, std::uint32_t a_index,
                                             const std::uint64_t* blocks, std::size_t first, std::size_t count,
                                             std::uint32_t* nearest_to_b, Nearest& nearest) {
@@ -74,8 +71,10 @@ SWEEPKIT_TARGET_AVX2 void find_nearest_avx2(const OrbDescriptor& a, std::uint32_
     __m256i even = zero, odd = zero;
     for (std::size_t w = 0; w < OrbDescriptor::kWords; ++w) {
       const auto* row = reinterpret_cast<const __m256i*>(blocks + place(j) + w * kBlock);
-      even = _mm256_add_epi8(even, count_bytes(_mm256_xor_si256(word[w], _mm256_loadu_si256(row))));
-      odd = _mm256_add_epi8(odd, count_bytes(_mm256_xor_si256(word[w], _mm256_loadu_si256(row + 1))));
+      even = _mm256_add_epi8(even,
+                             impl::count_bits_of_bytes(_mm256_xor_si256(word[w], _mm256_loadu_si256(row))));
+      odd = _mm256_add_epi8(
+          odd, impl::count_bits_of_bytes(_mm256_xor_si256(word[w], _mm256_loadu_si256(row + 1))));
     }
     even = _mm256_sad_epu8(even, zero);
     odd = _mm256_sad_epu8(odd, zero);
@@ -96,7 +95,52 @@ SWEEPKIT_TARGET_AVX2 void find_nearest_avx2(const OrbDescriptor& a, std::uint32_
   }
   find_nearest_portable(a, a_index, blocks, whole, count, nearest_to_b, nearest);
 }
+
+SWEEPKIT_TARGET_AVX512_POPCOUNT void find_nearest_avx512(const OrbDescriptor& a, std::uint32_t a_index,
+                                                         const std::uint64_t* blocks, std::size_t first,
+                                                         std::size_t count, std::uint32_t* nearest_to_b,
+                                                         Nearest& nearest) {
+  const __m256i natural = _mm256_setr_epi32(0, 4, 1, 5, 2, 6, 3, 7);
+  const __m256i a_keys = _mm256_set1_epi32(static_cast<int>(a_index));
+  const __m256i step = _mm256_set1_epi32(kBlock);
+  __m256i index = _mm256_setr_epi32(0, 1, 2, 3, 4, 5, 6, 7);
+  __m256i best = _mm256_set1_epi32(-1), second = best;
+  const std::size_t whole = count / kBlock * kBlock;
+  for (std::size_t j = first; j < whole; j += kBlock) {
+    __m512i sum = _mm512_setzero_si512();
+    for (std::size_t w = 0; w < OrbDescriptor::kWords; ++w)
+      sum = _mm512_add_epi64(
+          sum, _mm512_popcnt_epi64(_mm512_xor_si512(_mm512_set1_epi64(static_cast<long long>(a.words[w])),
+                                                    _mm512_loadu_si512(blocks + place(j) + w * kBlock))));
+    // The form with a mask of all lanes: gcc 12 warns of its own header at the plain one.
+    const __m256i counts = _mm512_maskz_cvtepi64_epi32(0xff, sum);
+    const __m256i distance = _mm256_slli_epi32(_mm256_permutevar8x32_epi32(counts, natural), 16);
+    const __m256i k = _mm256_or_si256(distance, index);
+    index = _mm256_add_epi32(index, step);
+    second = _mm256_min_epu32(second, _mm256_max_epu32(best, k));
+    best = _mm256_min_epu32(best, k);
+    store_32(nearest_to_b + j,
+             _mm256_min_epu32(load_32(nearest_to_b + j), _mm256_or_si256(distance, a_keys)));
+  }
+  alignas(32) std::uint32_t bests[kBlock], seconds[kBlock];
+  store_32(bests, best);
+  store_32(seconds, second);
+  for (std::size_t i = 0; i < kBlock; ++i) {
+    nearest.add(bests[i]);
+    nearest.add(seconds[i]);
+  }
+  find_nearest_portable(a, a_index, blocks, whole, count, nearest_to_b, nearest);
+}
 #endif
+
+/// The kernel for this machine; all find the same.
+auto find_nearest_function() {
+#ifdef SWEEPKIT_HAVE_AVX2
+  if (impl::scan_kernel() == impl::ScanKernel::avx512) return find_nearest_avx512;
+  if (impl::scan_kernel() == impl::ScanKernel::avx2) return find_nearest_avx2;
+#endif
+  return find_nearest_portable;
+}
 
 }  // namespace
 
@@ -104,11 +148,7 @@ int BruteForceMatcher::match(std::span<const OrbDescriptor> a, std::span<const O
                              std::vector<Match>& matches) {
   require(a.size() <= 65535, "BruteForceMatcher::match a", "at most 65535 descriptors", a.size());
   require(b.size() <= 65535, "BruteForceMatcher::match b", "at most 65535 descriptors", b.size());
-#ifdef SWEEPKIT_HAVE_AVX2
-  const auto find_nearest = simd_level() == SimdLevel::avx2 ? find_nearest_avx2 : find_nearest_portable;
-#else
-  const auto find_nearest = find_nearest_portable;
-#endif
+  const auto find_nearest = find_nearest_function();
   blocks_.resize((b.size() + kBlock - 1) / kBlock * kBlockWords);
   for (std::size_t j = 0; j < b.size(); ++j)
     for (std::size_t w = 0; w < OrbDescriptor::kWords; ++w) blocks_[place(j) + w * kBlock] = b[j].words[w];

@@ -3,10 +3,13 @@
 #pragma once
 
 #include <algorithm>
+#include <atomic>
 #include <bit>
 #include <cstddef>
 #include <cstdint>
+#include <cstdlib>
 #include <new>
+#include <string_view>
 #include <vector>
 
 #include "sweepkit/core/simd.hpp"
@@ -92,12 +95,23 @@ constexpr std::uint32_t hit_place(CodeHit hit) { return static_cast<std::uint32_
 /// Which instructions a scan uses; all give the same hits in the same order.
 enum class ScanKernel { portable, avx2, avx512 };
 
+/// Whether 512-bit vectors may be used; the environment variable SWEEPKIT_SIMD=avx2 forbids it (read once), a
+/// test may.
+inline std::atomic<bool>& avx512_allowed() {
+  static std::atomic<bool> allowed = [] {
+    const char* wish = std::getenv("SWEEPKIT_SIMD");
+    return !(wish && std::string_view(wish) == "avx2");
+  }();
+  return allowed;
+}
+
 /// The best that this machine has and simd_level() allows.
 inline ScanKernel scan_kernel() {
 #ifdef SWEEPKIT_HAVE_AVX2
   static const bool avx512 = __builtin_cpu_supports("avx512vl") && __builtin_cpu_supports("avx512bw") &&
                              __builtin_cpu_supports("avx512vpopcntdq");
-  if (simd_level() == SimdLevel::avx2) return avx512 ? ScanKernel::avx512 : ScanKernel::avx2;
+  if (simd_level() == SimdLevel::avx2)
+    return avx512 && avx512_allowed().load(std::memory_order_relaxed) ? ScanKernel::avx512 : ScanKernel::avx2;
 #endif
   return ScanKernel::portable;
 }
