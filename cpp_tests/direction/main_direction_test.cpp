@@ -84,6 +84,30 @@ TEST_CASE("a confidence of exactly the threshold is accepted, less begins anew")
   }
 }
 
+TEST_CASE("a yaw that drifts at a steady rate does no harm, known or not") {
+  MainDirectionOptions options;
+  Random random(5);
+  for (const double rate : {0.0, 0.4, -4.0})
+    for (const double sigma : {0.0, 3.0}) {
+      MainDirectionWindow window(options);
+      std::optional<MainDirection> answer;
+      for (int k = 0; k < 100; ++k) {
+        const double seconds = 0.1 * k, yaw = 1 + 0.2 * seconds;
+        FrameDirection f = frame_at(from_seconds(seconds), yaw + rate * kDegree * seconds,
+                                    0.3 - yaw + random.normal(0, 0.2) * kDegree);
+        f.drift = {sigma == 0 ? rate * kDegree : 0, sigma * kDegree};
+        if (k < 50 || k % 4 == 0) f.left.angle = f.right.angle = random.uniform(-0.7, 0.7);
+        answer = window.add(f);
+      }
+      INFO("rate " << rate << " sigma " << sigma);
+      REQUIRE(answer);
+      CHECK(answer->confidence > 0.7);
+      CHECK(std::abs(answer->drift / kDegree - rate) < 0.08);
+      CHECK(std::abs(wrap_quarter_turn(answer->angle - (0.3 - 2.0))) < 0.2 * kDegree);
+      CHECK(std::abs(wrap_quarter_turn(answer->run_angle - (0.3 - 1.0))) < 0.5 * kDegree);
+    }
+}
+
 TEST_CASE("frames whose cameras disagree or doubt are not collected") {
   MainDirectionOptions options;
   const FrameDirection good = frame_at(0, 0, 44.5 * kDegree, 1 * kDegree);

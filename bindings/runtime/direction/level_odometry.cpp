@@ -2,6 +2,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "sweepkit/direction/level_odometry.hpp"
 
+#include <algorithm>
 #include <cmath>
 #include <numbers>
 
@@ -10,9 +11,9 @@ namespace sweepkit {
 namespace {
 
 constexpr double kDegree = std::numbers::pi / 180;
-// More than this between the floor's normal and what the accelerometer reads is no acceleration of a robot on
-// its wheels.
-constexpr double kTilted = 8 * kDegree;
+constexpr double kSmoothing = 0.5;  // of the specific force [s]
+constexpr double kHold = 0.1;       // of the last rate beyond the last sample [s]
+constexpr double kUsualRate = 200;  // of an IMU that does not tell its own [Hz]
 
 SO3d turn_onto(const Vec3<double>& from, const Vec3<double>& to) {
   return SO3d(Eigen::Quaterniond::FromTwoVectors(from, to));
@@ -22,108 +23,107 @@ SO3d turn_onto(const Vec3<double>& from, const Vec3<double>& to) {
 
 LevelOdometry::LevelOdometry(const MotionSensors& sensors, const SE3d& T_body_camera,
                              const LevelOdometryOptions& options)
-    : options_(options), filter_(sensors, options.navigation) {
+    : sensors_(sensors), options_(options) {
   check_options(options_);
-  const Vec3<double> up = sensors.wheels
-                              ? Vec3<double>(sensors.wheels->T_body_base.rotation() * Vec3<double>::UnitZ())
+  floor_up_ = sensors_.wheels ? Vec3<double>(sensors_.wheels->T_body_base.rotation() * Vec3<double>::UnitZ())
                               : Vec3<double>(T_body_camera.rotation() * -Vec3<double>::UnitY());
-  R_level_body_ = turn_onto(up, Vec3<double>::UnitZ());
-  gyro_sum_.setZero();
-  gyro_squares_.setZero();
-  accel_sum_.setZero();
-  accel_squares_.setZero();
+  R_world_body_ = turn_onto(floor_up_, Vec3<double>::UnitZ());
+  if (sensors_.wheels) decoder_.emplace(sensors_.wheels->geometry, options_.decoder);
+  if (sensors_.imu)
+    standstill_.emplace(sensors_.imu->noise, sensors_.imu->rate_hz > 0 ? sensors_.imu->rate_hz : kUsualRate,
+                        sensors_.wheels ? sensors_.wheels->geometry : WheelGeometry(), options_.standstill);
 }
 
-void LevelOdometry::begin(TimeNs t, const std::optional<Vec3<double>>& specific_force) {
-  SO3d R = R_level_body_;
-  const double gravity = options_.navigation.gravity;
-  Vec3<double> force = R.inverse() * Vec3<double>(0, 0, gravity);
-  if (specific_force && specific_force->norm() > 0.5 * gravity) {
-    const Vec3<double> measured = R * specific_force->normalized();
-    const double tilt = std::acos(std::min(1.0, measured.z()));
-    if (!filter_.sensors().wheels || tilt > kTilted) {
-      R = turn_onto(measured, Vec3<double>::UnitZ()) * R;
-      force = *specific_force;
-    }
+void LevelOdometry::level(double seconds) {
+  const double norm = force_.norm();
+  if (!(norm > 1e-3)) return;
+  const Vec3<double> measured = force_ / norm;
+  const bool on_floor = sensors_.wheels && measured.dot(floor_up_) > std::cos(options_.max_tilt * kDegree);
+  const Vec3<double> up = on_floor ? floor_up_ : measured;
+  const double gain = on_floor ? options_.floor_gain : options_.gravity_gain;
+  // The turn that brings it to z, about a horizontal axis: the yaw is left alone.
+  const Vec3<double> error = (R_world_body_ * up).cross(Vec3<double>::UnitZ());
+  R_world_body_ = SO3d::exp(std::min(1.0, gain * seconds) * error) * R_world_body_;
+  const Vec3<double> z = R_world_body_.inverse() * Vec3<double>::UnitZ();
+  // Critically damped.
+  tilt_bias_ -= 0.25 * gain * gain * seconds * (R_world_body_.inverse() * error);
+  tilt_bias_ -= z * z.dot(tilt_bias_);
+}
+
+void LevelOdometry::rest(const ImuSample& sample) {
+  if (!standstill_->standing()) {
+    rest_count_ = 0;
+    return;
   }
-  filter_.start(t, SE3d(R, Vec3<double>::Zero()),
-                filter_.sensors().imu ? std::optional<Vec3<double>>(force) : std::nullopt);
-  rest_begin_ = t;
+  if (rest_count_ == 0) {
+    rest_sum_.setZero();
+    rest_since_ = sample.t;
+  }
+  rest_sum_ += sample.gyro;
+  ++rest_count_;
+  const double seconds = to_seconds(sample.t - rest_since_);
+  const double sigma = sensors_.imu->noise.gyro_noise_density / std::sqrt(std::max(seconds, 1e-3));
+  // A short rest does not replace what a long one said, unless that is old.
+  const double age = to_seconds(sample.t - bias_time_);
+  if (bias_ && sigma > std::hypot(bias_sigma_, options_.bias_walk * kDegree * std::sqrt(std::max(age, 0.0))))
+    return;
+  bias_ = rest_sum_ / rest_count_;
+  bias_sigma_ = sigma;
+  bias_time_ = sample.t;
+  standstill_->set_gyro_bias(*bias_);
 }
 
 void LevelOdometry::add(const ImuSample& sample) {
-  if (!sample.gyro.allFinite() || !sample.accel.allFinite() || (last_imu_ && sample.t <= last_imu_->t))
+  if (!sensors_.imu || !standstill_->add(sample)) return;
+  rest(sample);
+  if (!last_imu_) {
+    force_ = sample.accel;
+    // The first reading decides whether the floor is to be believed.
+    const Vec3<double> measured = force_.normalized();
+    const bool on_floor = sensors_.wheels && measured.dot(floor_up_) > std::cos(options_.max_tilt * kDegree);
+    if (!on_floor && force_.norm() > 1e-3) R_world_body_ = turn_onto(measured, Vec3<double>::UnitZ());
+    last_imu_ = sample;
     return;
-  if (!filter_.started()) begin(sample.t, sample.accel);
-  if (sample.t < filter_.state().t) return;
-  filter_.add(sample);
-  last_imu_ = sample;
-  // Sums about the first reading: variances stay exact.
-  gyro_sum_ += sample.gyro;
-  gyro_squares_ += sample.gyro.cwiseAbs2();
-  accel_sum_ += sample.accel;
-  accel_squares_ += sample.accel.cwiseAbs2();
-  ++rest_samples_;
-  if (to_seconds(sample.t - rest_begin_) >= options_.rest_time) {
-    end_rest();
-    rest_begin_ = sample.t;
   }
+  const double dt = to_seconds(sample.t - last_imu_->t);
+  if (dt < options_.max_gap) {
+    // The mean of two readings over the interval between them.
+    const Vec3<double> rate = 0.5 * (last_imu_->gyro + sample.gyro);
+    R_world_body_ = R_world_body_ * SO3d::exp((rate - tilt_bias_) * dt);
+    force_ += std::min(1.0, dt / kSmoothing) * (sample.accel - force_);
+    level(dt);
+  } else {
+    force_ = sample.accel;
+    level(1.0);
+  }
+  last_imu_ = sample;
 }
 
 void LevelOdometry::add(const WheelSample& sample) {
-  if (!std::isfinite(sample.left) || !std::isfinite(sample.right) ||
-      (last_wheels_ && sample.t <= last_wheels_->t))
-    return;
-  if (!filter_.started()) {
-    // The accelerometer, if there is one, is about to say how the body stands.
-    if (filter_.sensors().imu) return;
-    begin(sample.t, std::nullopt);
-  }
-  if (sample.t < filter_.state().t) return;
-  filter_.add(sample);
-  const bool rolled =
-      sample.reading == WheelReading::speeds
-          ? sample.left != 0 || sample.right != 0
-          : !last_wheels_ || sample.left != last_wheels_->left || sample.right != last_wheels_->right;
-  last_wheels_ = sample;
-  if (!rolled) return;
-  rest_begin_ = sample.t;
-  rest_samples_ = 0;
-  gyro_sum_.setZero();
-  gyro_squares_.setZero();
-  accel_sum_.setZero();
-  accel_squares_.setZero();
+  if (!sensors_.wheels) return;
+  if (standstill_) standstill_->add(sample);
+  const auto step = decoder_->push(sample);
+  if (sensors_.imu || !step) return;
+  const double turned = (step->right - step->left) / sensors_.wheels->geometry.track_width;
+  R_world_body_ = SO3d::exp(Vec3<double>(0, 0, turned)) * R_world_body_;
+  wheel_rate_ = turned / std::max(step->seconds(), 1e-3);
+  last_wheels_ = step->end;
 }
 
-void LevelOdometry::end_rest() {
-  const double n = rest_samples_;
-  const Vec3<double> gyro = gyro_sum_ / std::max(n, 1.0), accel = accel_sum_ / std::max(n, 1.0);
-  const Vec3<double> gyro_variance = gyro_squares_ / std::max(n, 1.0) - gyro.cwiseAbs2();
-  const Vec3<double> accel_variance = accel_squares_ / std::max(n, 1.0) - accel.cwiseAbs2();
-  rest_samples_ = 0;
-  gyro_sum_.setZero();
-  gyro_squares_.setZero();
-  accel_sum_.setZero();
-  accel_squares_.setZero();
-  if (n < 5) return;
-  const MountedImu& imu = *filter_.sensors().imu;
-  const double rate = n / options_.rest_time;
-  const double noise = imu.noise.gyro_noise_density * imu.noise.gyro_noise_density * rate;
-  const double spread = options_.rest_spread * kDegree;
-  if (gyro_variance.maxCoeff() > spread * spread + 4 * noise) return;
-  if (gyro.cwiseAbs().maxCoeff() > options_.rest_rate * kDegree) return;
-  if (!filter_.sensors().wheels) {
-    const double accel_noise = imu.noise.accel_noise_density * imu.noise.accel_noise_density * rate;
-    if (accel_variance.maxCoeff() > options_.rest_acceleration * options_.rest_acceleration + 4 * accel_noise)
-      return;
-  }
-  filter_.stand_still(gyro, options_.rest_time);
+SO3d LevelOdometry::orientation(TimeNs t) const {
+  const auto ahead = [&](TimeNs last) { return std::clamp(to_seconds(t - last), 0.0, kHold); };
+  if (last_imu_) return R_world_body_ * SO3d::exp((last_imu_->gyro - tilt_bias_) * ahead(last_imu_->t));
+  if (last_wheels_ != 0)
+    return SO3d::exp(Vec3<double>(0, 0, wheel_rate_ * ahead(last_wheels_))) * R_world_body_;
+  return R_world_body_;
 }
 
-SO3d LevelOdometry::orientation(TimeNs t) {
-  if (!filter_.started()) return R_level_body_;
-  if (t > filter_.state().t) filter_.advance(t);
-  return turn_onto(filter_.state().up, Vec3<double>::UnitZ()) * filter_.state().T_world_body.rotation();
+YawDrift LevelOdometry::drift() const {
+  if (!sensors_.imu) return {0, sensors_.wheels ? options_.wheel_yaw_sigma * kDegree : 0.0};
+  if (!bias_ || !last_imu_) return {0, options_.gyro_bias_sigma * kDegree};
+  const Vec3<double> up = R_world_body_.inverse() * Vec3<double>::UnitZ();
+  const double age = std::max(0.0, to_seconds(last_imu_->t - bias_time_));
+  return {up.dot(*bias_), std::hypot(bias_sigma_, options_.bias_walk * kDegree * std::sqrt(age))};
 }
 
 }  // namespace sweepkit

@@ -155,7 +155,8 @@ class Run {
     begin = std::chrono::steady_clock::now();
     const bool window_begins =
         result_.frames.size() % static_cast<std::size_t>(options_.direction.window) == 0;
-    const auto answer = estimator_.add(image.t, left_, right_, odometry_.orientation(image.t));
+    const SO3d R_world_body = odometry_.orientation(image.t);
+    const auto answer = estimator_.add(image.t, left_, right_, R_world_body, odometry_.drift());
     clock_.add(Stage::track, milliseconds_since(begin));
     result_.frames.push_back(estimator_.last());
     if (window_begins) {
@@ -185,6 +186,7 @@ class Run {
                             {"frames", d.frames},
                             {"collected", d.collected},
                             {"inliers", d.inliers},
+                            {"drift_deg_per_s", d.drift / kDegree},
                             {"sigma_deg", d.sigma / kDegree}});
     MainDirectionRunOptions used = options_;
     const Json summary = {{"version", version()},

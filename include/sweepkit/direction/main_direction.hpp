@@ -25,6 +25,8 @@ struct MainDirectionOptions {
   double stereo_tolerance = 2.0;
   double min_frame_confidence = 0.8;
   double min_collected_share = 0.2;
+  double max_drift = 6.0;
+  double max_sigma = 0.5;
   ManhattanOptions manhattan;
 
   template <class Visitor>
@@ -40,6 +42,10 @@ struct MainDirectionOptions {
       "a camera whose own confidence is lower says nothing");
     v(min_collected_share, "min_collected_share", "", range(0.0, 1.0),
       "share of a window's frames that must have a direction for an answer");
+    v(max_drift, "max_drift", "deg/s", range(0.0, 90.0), "largest drift of the yaw that is looked for");
+    v(max_sigma, "max_sigma", "deg", range(0.0, 45.0),
+      "largest standard error of an answer, directions being 0.3 deg off each: more where few of them fix a "
+      "drift");
     v.group(manhattan, "manhattan", "the main direction in one image");
   }
 };
@@ -53,12 +59,19 @@ struct CameraDirection {
   double support = 0;     ///< weight of the horizontal segments along it
 };
 
+/// What is known of the rate at which a yaw drifts: a gyro's bias that is left in.
+struct YawDrift {
+  double rate = 0;   ///< of the yaw that is given, over that of the true one [rad/s]
+  double sigma = 0;  ///< its standard deviation; 0: exact [rad/s]
+};
+
 /// What one stereo frame says of the main direction. Angles are counter-clockwise, seen from above, from the
 /// left camera's forward axis to the nearest axis of the room, in (-45, 45] degrees; also those of the right
 /// camera, so that both can be compared.
 struct FrameDirection {
   TimeNs t = 0;
   double yaw = 0;  ///< of the left camera's forward axis in odometry, counter-clockwise from above [rad]
+  YawDrift drift;  ///< of `yaw`, as known at t
   CameraDirection left;
   CameraDirection right;
 };
@@ -74,7 +87,8 @@ struct MainDirection {
   int frames = 0;           ///< of the window
   int collected = 0;        ///< frames that had a direction in both cameras that agree
   int inliers = 0;
-  double sigma = 0;  ///< standard error of the mean of the inliers, as if independent [rad]
+  double drift = 0;  ///< of the yaw, as the directions tell [rad/s]
+  double sigma = 0;  ///< standard error of `angle`, the inliers being independent [rad]
 };
 
 /// Turns segments into a FrameDirection. Not thread-safe.
@@ -87,7 +101,7 @@ class FrameDirectionFinder {
   /// @param R_world_body orientation of the body in a frame whose z axis is up and whose yaw is smooth
   /// (odometry). A camera that looks up or down within 10 degrees of the vertical has no direction.
   FrameDirection find(TimeNs t, std::span<const LineSegment> left, std::span<const LineSegment> right,
-                      const SO3d& R_world_body);
+                      const SO3d& R_world_body, const YawDrift& drift = {});
 
   /// Of the last find, for each segment of a side: 0 or 2 along the one or the other horizontal axis of the
   /// room, 1 vertical, -1 none.
@@ -105,10 +119,10 @@ class FrameDirectionFinder {
 /// variances; nothing if one found none, is too little confident, or they differ by more than the tolerance.
 std::optional<double> agreed_direction(const FrameDirection& frame, const MainDirectionOptions& options);
 
-/// Collects windows of frames and says the main direction when one is good: consensus over the window's
-/// directions, each carried to its first frame by the yaw of odometry. Every collected direction is tried as
-/// the hypothesis of RANSAC, which for one unknown and a window's length is exhaustive; the inliers' mean is
-/// the answer.
+/// Collects windows of frames and says the main direction when one is good: RANSAC over the window's
+/// directions, each carried to its first frame by the yaw of odometry. Where the drift of that yaw is not
+/// known well, it is estimated with the direction: two directions are a hypothesis then, else one. The
+/// inliers' least squares are the answer.
 class MainDirectionWindow {
  public:
   explicit MainDirectionWindow(const MainDirectionOptions& options = {});
@@ -125,6 +139,18 @@ class MainDirectionWindow {
   double last_confidence() const { return last_confidence_; }
 
  private:
+  struct Collected {
+    double seconds;  // since the window's first frame
+    double angle;    // carried to it by the yaw as given
+  };
+  struct Line {
+    double angle = 0;  // at the window's first frame
+    double drift = 0;
+  };
+
+  double residual(const Collected& c, const Line& line) const;
+  Line consensus(const YawDrift& drift) const;
+  void fit(Line& line, const YawDrift& drift, MainDirection& result) const;
   std::optional<MainDirection> close();
 
   MainDirectionOptions options_;
@@ -133,7 +159,7 @@ class MainDirectionWindow {
   int frames_ = 0;
   int restarts_ = 0;
   double last_confidence_ = 0;
-  std::vector<double> collected_;  // in the window's first frame
+  std::vector<Collected> collected_;
 };
 
 /// Both stages: what a program or a robot feeds.
@@ -144,8 +170,9 @@ class MainDirectionEstimator {
 
   /// As FrameDirectionFinder::find and MainDirectionWindow::add.
   std::optional<MainDirection> add(TimeNs t, std::span<const LineSegment> left,
-                                   std::span<const LineSegment> right, const SO3d& R_world_body) {
-    last_ = finder_.find(t, left, right, R_world_body);
+                                   std::span<const LineSegment> right, const SO3d& R_world_body,
+                                   const YawDrift& drift = {}) {
+    last_ = finder_.find(t, left, right, R_world_body, drift);
     return window_.add(last_);
   }
 
