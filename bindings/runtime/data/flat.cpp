@@ -361,30 +361,33 @@ class FlatGenerator {
     const auto at = [&](int x, int y) -> char& {
       return free[static_cast<std::size_t>(y) * static_cast<std::size_t>(w) + static_cast<std::size_t>(x)];
     };
-    std::vector<std::pair<int, int>> stack;
+    std::vector<std::pair<int, int>> starts, stack;
     for (int y = 0; y < h; ++y)
       for (int x = 0; x < w; ++x) {
         const double px = low.x() + (x + 0.5) * kCell, py = low.y() + (y + 0.5) * kCell;
         at(x, y) = plan.is_free(px, py, kRobotRadius);
         const int room = plan.room_at(px, py);
         if (at(x, y) && room >= 0) ++all[static_cast<std::size_t>(room)];
-        if (at(x, y) && stack.empty() && room == 0) {
-          // From the middle of the first room's free floor outwards: any of its larger parts will do.
-          stack.emplace_back(x, y);
-        }
+        if (at(x, y) && room == 0) starts.emplace_back(x, y);
       }
-    if (stack.empty()) return false;
-    at(stack.back().first, stack.back().second) = 2;
-    while (!stack.empty()) {
-      const auto [x, y] = stack.back();
-      stack.pop_back();
-      const int room = plan.room_at(low.x() + (x + 0.5) * kCell, low.y() + (y + 0.5) * kCell);
-      if (room >= 0) ++reach[static_cast<std::size_t>(room)];
-      for (const auto& [dx, dy] : {std::pair{1, 0}, {-1, 0}, {0, 1}, {0, -1}})
-        if (x + dx >= 0 && y + dy >= 0 && x + dx < w && y + dy < h && at(x + dx, y + dy) == 1) {
-          at(x + dx, y + dy) = 2;
-          stack.emplace_back(x + dx, y + dy);
-        }
+    // From the largest part of the first room's free floor: furniture may cut corners off.
+    for (const auto& start : starts) {
+      if (at(start.first, start.second) != 1) continue;
+      std::vector<int> part(rects_.size(), 0);
+      stack.push_back(start);
+      at(start.first, start.second) = 2;
+      while (!stack.empty()) {
+        const auto [x, y] = stack.back();
+        stack.pop_back();
+        const int room = plan.room_at(low.x() + (x + 0.5) * kCell, low.y() + (y + 0.5) * kCell);
+        if (room >= 0) ++part[static_cast<std::size_t>(room)];
+        for (const auto& [dx, dy] : {std::pair{1, 0}, {-1, 0}, {0, 1}, {0, -1}})
+          if (x + dx >= 0 && y + dy >= 0 && x + dx < w && y + dy < h && at(x + dx, y + dy) == 1) {
+            at(x + dx, y + dy) = 2;
+            stack.emplace_back(x + dx, y + dy);
+          }
+      }
+      if (part[0] > reach[0]) reach = part;
     }
     for (std::size_t i = 0; i < reach.size(); ++i)
       if (all[i] == 0 || reach[i] < 0.7 * all[i]) return false;

@@ -210,12 +210,13 @@ TrueOccupancy true_occupancy(const Scene& scene, const Vec2d& start, double cell
   const auto centre = [&](int x, int y) {
     return Vec2d(result.origin.x() + (x + 0.5) * cell, result.origin.y() + (height - 1 - y + 0.5) * cell);
   };
-  // A cell is taken where something solid comes closer to its centre than half its side.
+  // A cell is taken where something solid comes closer to its centre than half its side. The skin of what is
+  // solid is shown, thick enough to have no gaps; what is deeper inside cannot be known.
   for (int y = 0; y < height; ++y)
     for (int x = 0; x < width; ++x) {
       const Vec2d p = centre(x, y);
       const double clearance = plan.clearance(p.x(), p.y());
-      image(x, y) = clearance >= cell / 2 ? kOpen : clearance > -cell / 2 ? kOccupied : kUnknown;
+      image(x, y) = clearance >= cell / 2 ? kOpen : clearance > -0.75 * cell ? kOccupied : kUnknown;
     }
   const int sx = static_cast<int>((start.x() - result.origin.x()) / cell);
   const int sy = height - 1 - static_cast<int>((start.y() - result.origin.y()) / cell);

@@ -97,7 +97,7 @@ void check_room(const Scene& scene, const Room& room, const Complaint& complain)
   if (room.corners.size() < 3 || room.corners.size() > 200)
     complain(what, "needs 3 to 200 corners", std::to_string(room.corners.size()));
   for (const Vec2d& corner : room.corners)
-    if (!(corner.cwiseAbs().maxCoeff() <= kFar))
+    if (!corner.allFinite() || corner.cwiseAbs().maxCoeff() > kFar)
       complain(what, "a corner lies farther than 100 m from the origin");
   const double area = 0.5 * twice_area(room.corners);
   if (!(area >= 0.25))
@@ -371,7 +371,8 @@ void Scene::check(const std::string& place) const {
   for (std::size_t i = 0; i < lights.size(); ++i) {
     const Light& light = lights[i];
     const std::string what = fmt::format("lights[{}]", i);
-    if (!(light.position.cwiseAbs().maxCoeff() <= kFar)) complain(what, "lies farther than 100 m away");
+    if (!light.position.allFinite() || light.position.cwiseAbs().maxCoeff() > kFar)
+      complain(what, "lies farther than 100 m away");
     complain.number(what + " power", light.power, 0.0, 1e4);
     complain.number(what + " radius", light.radius, 0.0, 1.0);
   }
@@ -383,11 +384,12 @@ void Scene::check(const std::string& place) const {
   for (std::size_t i = 0; i < objects.size(); ++i) {
     const SceneObject& object = objects[i];
     const auto what = [&] { return object_name(*this, i); };
-    if (!(object.centre.cwiseAbs().maxCoeff() <= kFar) || !std::isfinite(object.yaw))
+    if (!object.centre.allFinite() || object.centre.cwiseAbs().maxCoeff() > kFar ||
+        !std::isfinite(object.yaw))
       complain(fmt::format("objects[{}] ({})", i, to_string(object.kind)),
                "must lie within 100 m of the origin");
     const Vec3d size = object.size.isZero() ? usual_size(object.kind) : object.size;
-    if (!(size.minCoeff() >= 0.001 && size.maxCoeff() <= 10.0))
+    if (!size.allFinite() || size.minCoeff() < 0.001 || size.maxCoeff() > 10.0)
       complain(what() + " size", "must lie in 0.001 .. 10 m",
                fmt::format("[{:g}, {:g}, {:g}]", size.x(), size.y(), size.z()));
     const bool furniture = entry(object.kind).label == SceneLabel::furniture;
