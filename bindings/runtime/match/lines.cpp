@@ -32,6 +32,8 @@ double distance_from_line(const Segment2d& line, float u, float v) {
 /// Whether two segments are pieces of one edge, or the same edge on two levels: the second is then no rival
 /// of the first.
 bool same_edge(const Segment2d& a, const Segment2d& b) {
+  // Directions alike without a root: most pairs end here.
+  if (!(a.du() * b.du() + a.dv() * b.dv() > 0)) return false;
   return cosine(a, b) > 0.99 && distance_from_line(a, 0.5f * (b.u1 + b.u2), 0.5f * (b.v1 + b.v2)) < 2.5;
 }
 
@@ -41,6 +43,7 @@ struct Nearest {
   std::int32_t index = -1;
 
   void offer(std::int32_t i, int distance, std::span<const Segment2d> segments) {
+    if (distance >= second) return;
     const bool rival = index >= 0 && !same_edge(segments[index], segments[i]);
     if (distance < best || (distance == best && i < index)) {
       if (rival) second = best;
@@ -72,12 +75,13 @@ double line_sigma(double sigma, double length, double place) {
 LineStereoMatcher::LineStereoMatcher(const StereoRig& rig, const LineStereoOptions& options)
     : rig_(rig), options_(options) {
   check_options(options_);
-  cos_max_turn_ = std::cos(options_.max_turn * kRadian);
-  sin_min_angle_ = std::sin(options_.min_angle * kRadian);
+  cos_max_turn_ = static_cast<float>(std::cos(options_.max_turn * kRadian));
+  sin_min_angle_ = static_cast<float>(std::sin(options_.min_angle * kRadian));
 }
 
 void LineStereoMatcher::rectify(Side side, const LineFeatures<256>& lines, Side2d& rectified) const {
   rectified.segments.assign(lines.size(), {});
+  rectified.directions.assign(lines.size(), Vec2<float>::Zero());
   rectified.skip.assign(lines.size(), 1);
   for (std::size_t i = 0; i < lines.size(); ++i) {
     const LineSegment& s = lines.segments[i];
@@ -87,21 +91,25 @@ void LineStereoMatcher::rectify(Side side, const LineFeatures<256>& lines, Side2
     const Segment2d segment{p->x(), p->y(), q->x(), q->y()};
     if (!is_finite(segment)) continue;
     rectified.segments[i] = segment;
-    rectified.skip[i] = 0;
+    const float length = segment.length();
+    if (!(length > 0) || !std::isfinite(length)) continue;
+    rectified.directions[i] = {segment.du() / length, segment.dv() / length};
+    rectified.skip[i] = std::abs(rectified.directions[i].y()) < sin_min_angle_;
   }
 }
 
-auto LineStereoMatcher::pair(const Segment2d& left, const Segment2d& right) const -> std::optional<Pairing> {
-  if (cosine(left, right) < cos_max_turn_ || std::abs(right.dv()) < sin_min_angle_ * right.length())
-    return std::nullopt;
+auto LineStereoMatcher::pair(std::size_t i, std::size_t j) const -> std::optional<Pairing> {
+  const Segment2d &left = left_.segments[i], &right = right_.segments[j];
   const float low = std::max(std::min(left.v1, left.v2), std::min(right.v1, right.v2));
   const float high = std::min(std::max(left.v1, left.v2), std::max(right.v1, right.v2));
-  if (high - low < options_.min_overlap * std::min(std::abs(left.dv()), std::abs(right.dv())))
+  if (high - low <
+          static_cast<float>(options_.min_overlap) * std::min(std::abs(left.dv()), std::abs(right.dv())) ||
+      left_.directions[i].dot(right_.directions[j]) < cos_max_turn_)
     return std::nullopt;
-  const auto place = [&](float v) { return (v - right.v1) / right.dv(); };
-  Pairing p{0, 0, place(left.v1), place(left.v2)};
-  p.disparity1 = left.u1 - (right.u1 + p.place1 * right.du());
-  p.disparity2 = left.u2 - (right.u1 + p.place2 * right.du());
+  const float slope = right.du() / right.dv();
+  Pairing p{0, 0, (left.v1 - right.v1) / right.dv(), (left.v2 - right.v1) / right.dv()};
+  p.disparity1 = left.u1 - (right.u1 + (left.v1 - right.v1) * slope);
+  p.disparity2 = left.u2 - (right.u1 + (left.v2 - right.v1) * slope);
   const auto most = static_cast<float>(options_.max_disparity);
   if (!(p.disparity1 > 0 && p.disparity2 > 0 && p.disparity1 <= most && p.disparity2 <= most))
     return std::nullopt;
@@ -119,18 +127,17 @@ int LineStereoMatcher::match(const LineFeatures<256>& left, const LineFeatures<2
   best_left_.assign(right.size(), kNobody);
   matches.assign(left.size(), {});
   for (std::size_t i = 0; i < left.size(); ++i) {
-    if (left_.skip[i]) continue;
     LineStereoMatch& m = matches[i];
     const Segment2d& s = left_.segments[i];
     m.left = s;
-    m.rectified = 1;
-    if (std::abs(s.dv()) < sin_min_angle_ * s.length() || !(s.length() > 0)) continue;
+    m.rectified = s.length() > 0;
+    if (left_.skip[i]) continue;
     Nearest nearest;
     grid_.for_each(
         std::min(s.u1, s.u2) - static_cast<float>(options_.max_disparity), std::max(s.u1, s.u2),
         std::min(s.v1, s.v2), std::max(s.v1, s.v2), [&](std::int32_t j) {
           if (std::abs(left.segments[i].octave - right.segments[j].octave) > options_.max_octave_difference ||
-              !pair(s, right_.segments[j]))
+              !pair(i, static_cast<std::size_t>(j)))
             return;
           const int distance = hamming_distance(left.descriptors[i], right.descriptors[j]);
           nearest.offer(j, distance, right_.segments);
@@ -154,7 +161,7 @@ int LineStereoMatcher::match(const LineFeatures<256>& left, const LineFeatures<2
         continue;
       }
     }
-    const auto p = pair(s, r);
+    const auto p = pair(i, static_cast<std::size_t>(m.right));
     m.disparity1 = p->disparity1;
     m.disparity2 = p->disparity2;
     // Across the line to along the row.

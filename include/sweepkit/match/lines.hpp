@@ -34,13 +34,13 @@ struct LineStereoMatch {
 };
 
 struct LineStereoOptions {
-  double min_overlap = 0.4;
+  double min_overlap = 0.5;
   double min_angle = 8.0;
   double max_turn = 30.0;
   double max_disparity = 200.0;
-  int max_distance = 70;
+  int max_distance = 60;
   int max_octave_difference = 1;
-  double ratio = 0.9;
+  double ratio = 0.85;
   bool left_right_check = true;
   double scale_factor = 1.5;
   double sigma = 0.5;
@@ -91,7 +91,8 @@ class LineStereoMatcher {
  private:
   struct Side2d {
     std::vector<Segment2d> segments;
-    std::vector<std::uint8_t> skip;
+    std::vector<Vec2<float>> directions;  // unit
+    std::vector<std::uint8_t> skip;       // not rectified, a point, or along the baseline
   };
   struct Pairing {
     float disparity1, disparity2;  // of the ends of the left segment
@@ -99,11 +100,11 @@ class LineStereoMatcher {
   };
 
   void rectify(Side side, const LineFeatures<256>& lines, Side2d& rectified) const;
-  std::optional<Pairing> pair(const Segment2d& left, const Segment2d& right) const;
+  std::optional<Pairing> pair(std::size_t i, std::size_t j) const;
 
   StereoRig rig_;
   LineStereoOptions options_;
-  double cos_max_turn_, sin_min_angle_;
+  float cos_max_turn_, sin_min_angle_;
   Side2d left_, right_;
   SegmentGrid grid_;
   std::vector<std::uint64_t> best_left_;  // for each right segment: distance, left index

@@ -19,7 +19,7 @@ struct Segment2d {
 
   float du() const { return u2 - u1; }
   float dv() const { return v2 - v1; }
-  float length() const { return std::hypot(du(), dv()); }
+  float length() const { return std::sqrt(du() * du() + dv() * dv()); }
   friend bool operator==(const Segment2d&, const Segment2d&) = default;
 };
 
