@@ -5,7 +5,9 @@
 // object a line: one for each start. Segments are found once; everything else, odometry included, begins anew
 // at each start, as main_direction_detector --start does.
 //
-//     main_direction_accuracy RECORDING [STARTS] [SEED]
+//     main_direction_accuracy RECORDING [STARTS] [SEED] [none]
+//
+// `none` says that the room has no main direction, whatever its truth calls the direction of its walls.
 #include <fmt/format.h>
 
 #include <algorithm>
@@ -53,18 +55,11 @@ std::optional<double> error_at(const std::vector<TrueDirection>& truth, TimeNs t
   return wrap_quarter_turn(angle - *right) / kDegree;
 }
 
-int run(const std::string& folder, int starts, int seed) {
+int run(const std::string& folder, int starts, int seed, bool has_direction) {
   const auto recording = open_recording(folder);
   const Rig rig = recording->rig();
   std::vector<TrueDirection> truth;
-  bool has_direction = true;
-  try {
-    truth = read_true_directions(folder);
-  } catch (const Error& error) {
-    // A room without a main direction has none in its truth: every answer is wrong there.
-    if (error.kind() == ErrorKind::io) throw;
-    has_direction = false;
-  }
+  if (has_direction) truth = read_true_directions(folder);
   std::vector<Sample> samples;
   std::vector<Look> looks;
   SegmentDetector detector;
@@ -135,11 +130,12 @@ int run(const std::string& folder, int starts, int seed) {
 
 int main(int argc, char** argv) {
   if (argc < 2) {
-    fmt::print(stderr, "main_direction_accuracy RECORDING [STARTS] [SEED]\n");
+    fmt::print(stderr, "main_direction_accuracy RECORDING [STARTS] [SEED] [none]\n");
     return 2;
   }
   try {
-    return run(argv[1], argc > 2 ? std::atoi(argv[2]) : 200, argc > 3 ? std::atoi(argv[3]) : 1);
+    return run(argv[1], argc > 2 ? std::atoi(argv[2]) : 200, argc > 3 ? std::atoi(argv[3]) : 1,
+               argc <= 4 || std::string(argv[4]) != "none");
   } catch (const Error& error) {
     fmt::print(stderr, "main_direction_accuracy: {}\n", error.what());
     return 3;
