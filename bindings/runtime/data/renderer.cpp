@@ -247,14 +247,7 @@ struct Renderer::World {
     const float lod = fast_log2(std::max(minor * size, 1e-6f));
     const int probes =
         major * size <= 1.0f ? 1 : std::clamp(static_cast<int>(major / minor + 0.5f), 1, kMostProbes);
-    if (probes == 1) return texture.sample(u, v, lod);
-    float sum = 0;
-    const float step = 1.0f / static_cast<float>(probes);
-    for (int i = 0; i < probes; ++i) {
-      const float at = (static_cast<float>(i) + 0.5f) * step - 0.5f;
-      sum += texture.sample(u + at * ax, v + at * ay, lod);
-    }
-    return sum * step;
+    return texture.sample(u, v, ax, ay, probes, lod);
   }
 
   /// The radiance towards the ray of what it hits.
@@ -280,7 +273,7 @@ struct Renderer::World {
       const float scale = 1.0f / detail.period();
       // Above this footprint nothing is left of it.
       const float longest = std::max(sx * sx + tx * tx, sy * sy + ty * ty);
-      if (longest < 0.02f * 0.02f) {
+      if (longest < 0.01f * 0.01f) {
         const bool turned = patch.u_t != 0;
         const float a = turned ? r : s, b = turned ? s : r;
         const float value =

@@ -25,14 +25,26 @@ class Texture {
   int size() const { return size_; }
   float mean() const { return levels_.back().texels.front() * (1.0f / 65535.0f); }
 
-  /// The value at u, v [periods], filtered to the level `lod` (0: full size; in between: blended).
-  float sample(float u, float v, float lod) const {
+  /// The mean of `probes` values about u, v [periods], spread evenly over (du, dv), each filtered to the
+  /// level `lod` (0: full size; in between: blended).
+  float sample(float u, float v, float du, float dv, int probes, float lod) const {
     lod = std::clamp(lod, 0.0f, static_cast<float>(levels_.size() - 1));
-    const int level = static_cast<int>(lod);
-    const float share = lod - static_cast<float>(level);
-    const float fine = bilinear(levels_[static_cast<std::size_t>(level)], u, v);
-    if (share == 0.0f) return fine;
-    return fine + share * (bilinear(levels_[static_cast<std::size_t>(level) + 1], u, v) - fine);
+    const int index = static_cast<int>(lod);
+    const float share = lod - static_cast<float>(index);
+    const float step = 1.0f / static_cast<float>(probes);
+    const float first = 0.5f * step - 0.5f;
+    const auto sum = [&](const Level& level) {
+      const auto size = static_cast<float>(level.size);
+      float x = (u + first * du) * size - 0.5f, y = (v + first * dv) * size - 0.5f;
+      const float sx = step * du * size, sy = step * dv * size;
+      float total = 0;
+      for (int i = 0; i < probes; ++i, x += sx, y += sy) total += bilinear(level, x, y);
+      return total;
+    };
+    const Level& fine = levels_[static_cast<std::size_t>(index)];
+    float total = sum(fine);
+    if (share > 0.0f) total += share * (sum(levels_[static_cast<std::size_t>(index) + 1]) - total);
+    return total * step * (1.0f / 65535.0f);
   }
 
  private:
@@ -41,8 +53,8 @@ class Texture {
     std::vector<std::uint16_t> texels;
   };
 
-  static float bilinear(const Level& level, float u, float v) {
-    const float x = u * static_cast<float>(level.size) - 0.5f, y = v * static_cast<float>(level.size) - 0.5f;
+  /// Between the texels around (x, y) of a level [texels].
+  static float bilinear(const Level& level, float x, float y) {
     // Down to whole numbers, also below zero; std::floor is a call on baseline x86.
     int ix = static_cast<int>(x), iy = static_cast<int>(y);
     ix -= static_cast<float>(ix) > x;
@@ -57,7 +69,7 @@ class Texture {
         level.texels.data() + static_cast<std::size_t>(y1) * static_cast<std::size_t>(level.size);
     const float a = static_cast<float>(top[x0]) + ax * static_cast<float>(top[x1] - top[x0]);
     const float b = static_cast<float>(bottom[x0]) + ax * static_cast<float>(bottom[x1] - bottom[x0]);
-    return (a + ay * (b - a)) * (1.0f / 65535.0f);
+    return a + ay * (b - a);
   }
 
   int size_;
