@@ -100,9 +100,9 @@ Canvas grain(int size, float period, Random& random) {
   };
   add_noise(straight, cells(1.0f), cells(0.06f), 0.055f, random);
   add_noise(straight, cells(0.8f), cells(0.02f), 0.06f, random);
-  add_noise(straight, cells(0.5f), cells(0.008f), 0.055f, random);
-  add_noise(straight, cells(0.25f), cells(0.004f), 0.045f, random);
-  add_noise(straight, cells(0.1f), cells(0.0025f), 0.03f, random);
+  add_noise(straight, cells(0.5f), cells(0.008f), 0.045f, random);
+  add_noise(straight, cells(0.25f), cells(0.004f), 0.032f, random);
+  add_noise(straight, cells(0.1f), cells(0.0025f), 0.018f, random);
   add_octaves(bend, cells(0.6f), cells(0.25f), 3, 0.006f, 0.5f, random);
   // Rings: waves across the grain, wavering with the bend.
   Canvas result(size, size);
@@ -122,7 +122,7 @@ Canvas grain(int size, float period, Random& random) {
     const int x = static_cast<int>(random.index(static_cast<std::uint64_t>(size)));
     const int y = static_cast<int>(random.index(static_cast<std::uint64_t>(size)));
     const int length = static_cast<int>(random.uniform(0.004, 0.025) / texel) + 1;
-    const auto depth = static_cast<float>(random.uniform(0.05, 0.3));
+    const auto depth = static_cast<float>(random.uniform(0.04, 0.22));
     for (int i = 0; i < length; ++i) result(y, (x + i) % size) -= depth;
   }
   // Knots: dark, with the grain pushed around them.
@@ -542,19 +542,19 @@ Skin paint_skin(const Material& m) {
       period = 2.048f;
       canvas = Canvas::zeros(size, size);
       add_octaves(canvas, 2, 2, 5, 0.014f, 0.85f, random);
-      add_octaves(canvas, 128, 128, 3, 0.022f, 0.9f, random);
+      add_octaves(canvas, 128, 128, 3, 0.014f, 0.8f, random);
       add_specks(canvas, period, 70, 0.002f, 0.012f, 0.12f, random);
-      detail(Detail::grain, 0.1f);
+      detail(Detail::grain, 0.05f);
       break;
     case Pattern::wallpaper:
       size = 2048;
       period = 2.048f;
       canvas = wallpaper(size, period, cell(0.25), m.seed, random);
-      detail(Detail::grain, 0.1f);
+      detail(Detail::grain, 0.05f);
       break;
     case Pattern::panels:
       canvas = panels(size, period, cell(0.12), random);
-      detail(Detail::grain, 0.12f);
+      detail(Detail::grain, 0.06f);
       break;
     case Pattern::bricks:
       period = 2.048f;
@@ -565,28 +565,28 @@ Skin paint_skin(const Material& m) {
       size = 2048;
       period = 3.072f;
       canvas = planks(size, period, cell(0.14), random);
-      detail(Detail::fibre, 0.14f);
+      detail(Detail::fibre, 0.07f);
       break;
     case Pattern::tiles:
       size = 2048;
       period = static_cast<float>(std::max(1.0, std::round(3.0 / cell(0.33)))) * cell(0.33);
       canvas = tiles(size, period, cell(0.33), random);
-      detail(Detail::grain, 0.1f);
+      detail(Detail::grain, 0.05f);
       break;
     case Pattern::wood:
       canvas = grain(size, period, random);
       skin.along_longest = true;
-      detail(Detail::fibre, 0.13f);
+      detail(Detail::fibre, 0.07f);
       break;
     case Pattern::weave:
       size = 2048;
       period = 2.048f;
       canvas = weave(size, period, m.seed, random);
-      detail(Detail::cloth, 0.16f);
+      detail(Detail::cloth, 0.1f);
       break;
     case Pattern::fabric:
       canvas = fabric(size, period, cell(0.07), random);
-      detail(Detail::cloth, 0.25f);
+      detail(Detail::cloth, 0.14f);
       break;
     case Pattern::print:
       size = 2048;
@@ -608,9 +608,9 @@ Skin paint_skin(const Material& m) {
     case Pattern::paint:
       period = 1.536f;
       canvas = Canvas::zeros(size, size);
-      add_octaves(canvas, 2, 2, 6, 0.025f, 0.8f, random);
+      add_octaves(canvas, 2, 2, 6, 0.02f, 0.7f, random);
       add_specks(canvas, period, 90, 0.0015f, 0.01f, 0.2f, random);
-      detail(Detail::grain, 0.1f);
+      detail(Detail::grain, 0.05f);
       break;
   }
   if (skin.columns > 0) canvas = pictures(size, m.pattern, skin.columns, skin.rows, random);
