@@ -21,6 +21,7 @@ PYBIND11_MODULE(_core, m) {
   add("image", python::register_image, "Images in several sizes.");
   add("feature", python::register_feature, "Key points with binary descriptors.");
   add("match", python::register_match, "Stereo matching and matching by descriptor.");
+  add("bow", python::register_bow, "Vocabularies, bags of words, images by their words.");
   add("solve", python::register_solve, "Options of the solvers.");
   add("slam", python::register_slam, "Options of tracking and mapping.");
   add("data", python::register_data, "Recordings, trajectories and their evaluation.");

@@ -12,6 +12,7 @@ void register_geometry(pybind11::module_& m);
 void register_image(pybind11::module_& m);
 void register_feature(pybind11::module_& m);
 void register_match(pybind11::module_& m);
+void register_bow(pybind11::module_& m);
 void register_solve(pybind11::module_& m);
 void register_slam(pybind11::module_& m);
 void register_data(pybind11::module_& m);
