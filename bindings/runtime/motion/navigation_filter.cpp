@@ -286,8 +286,14 @@ WheelCheck NavigationFilter::add(const WheelSample& sample, bool believe_speeds,
   H.row(3) = H_v.row(2);
   Eigen::Vector4d residual(left - (v_base.x() - 0.5 * track * yaw_rate),
                            right - (v_base.x() + 0.5 * track * yaw_rate), -v_base.y(), -v_base.z());
-  const Eigen::Vector4d variance(variance_of(left), variance_of(right), square(options_.lateral_noise),
-                                 square(options_.vertical_noise));
+  // While the base rocks, over a sill say, a wheel's contact runs around its rim, and the base turns about
+  // whatever it stands on.
+  const double rocking = Vec2<double>((R_base_body * rate).head<2>()).norm();
+  const double rim = square(geometry.wheel_radius * rocking),
+               lever = square(0.5 * geometry.track_width * rocking);
+  const Eigen::Vector4d variance(variance_of(left) + rim, variance_of(right) + rim,
+                                 square(options_.lateral_noise) + lever,
+                                 square(options_.vertical_noise) + lever);
   Eigen::Matrix4d S = H * P * H.transpose();
   S += variance.asDiagonal();
   check.chi2_speed = residual.head<2>().dot(S.topLeftCorner<2, 2>().ldlt().solve(residual.head<2>()));

@@ -18,6 +18,11 @@ constexpr double kDegree = std::numbers::pi / 180;
 constexpr double kChi2Mono = 5.99;
 constexpr double kChi2Stereo = 7.81;
 
+// How much less than its own observations say a window knows of the disparities' bias, beside the overlap.
+constexpr double kBiasRepeats = 4;
+// How far the bias may wander from keyframe to keyframe: cameras warm up [px].
+constexpr double kBiasWalk = 0.002;
+
 Vec3<double> camera_center(const SE3d& T_camera_world) { return T_camera_world.inverse().translation(); }
 
 /// The angle between the optical axes of two cameras [rad].
@@ -41,6 +46,7 @@ LocalMapper::LocalMapper(const RectifiedCamera& camera, const StereoRig::Bounds&
       view_(view),
       levels_(levels),
       options_(options),
+      disparity_bias_variance_(options.disparity_bias_sigma * options.disparity_bias_sigma),
       matcher_({.max_distance = options.fuse_distance, .ratio = 1}),
       triangulation_matcher_(options.triangulation) {}
 
@@ -281,6 +287,22 @@ KeyframeId LocalMapper::last_seeing(KeyframeId id) const {
   return id;
 }
 
+// What wheels get wrong of a distance they get wrong alike in all edges of a window, which count as
+// independent. Stereo knows the scale: between keyframes that see, wheels shall not tell it.
+Mat6<double> LocalMapper::odometry_covariance(KeyframeId id) const {
+  const Keyframe& keyframe = map_.keyframe(id);
+  Mat6<double> covariance = keyframe.odometry->motion.covariance;
+  const auto sees = [&](const Keyframe& k) {
+    return std::count_if(k.points.begin(), k.points.end(), [](PointId p) { return p.valid(); }) >=
+           options_.scale_points;
+  };
+  if (!sees(keyframe) || !sees(map_.keyframe(keyframe.odometry->from))) return covariance;
+  const SE3d& T = keyframe.odometry->motion.T;
+  const Vec3<double> way = options_.odometry_scale_sigma * (T.rotation().inverse() * T.translation());
+  covariance.topLeftCorner<3, 3>() += way * way.transpose();
+  return covariance;
+}
+
 std::vector<KeyframeId> LocalMapper::adjustment_window(KeyframeId id) const {
   std::vector<KeyframeId> window{id};
   for (const Covisible& c : map_.best_covisible(id, static_cast<std::size_t>(options_.window - 1)))
@@ -346,7 +368,7 @@ void LocalMapper::adjust(KeyframeId id, const std::atomic<bool>* stop) {
       problem.relative_poses.push_back({.a = pose_of[edge->from.value],
                                         .b = static_cast<int>(i),
                                         .T_a_b = edge->motion.T,
-                                        .information = edge->motion.covariance.inverse()});
+                                        .information = odometry_covariance(keyframes[i]).inverse()});
   if (std::all_of(problem.fixed.begin(), problem.fixed.end(), [](auto f) { return f != 0; })) return;
 
   std::vector<std::pair<PointId, KeyframeId>> observed;
@@ -367,7 +389,9 @@ void LocalMapper::adjust(KeyframeId id, const std::atomic<bool>* stop) {
       observed.emplace_back(points[p], o.keyframe);
     }
   }
-  problem.disparity_bias_sigma = options_.disparity_bias_sigma;
+  // What a window says of the bias, the next ones say again, and its errors go together: it counts for less.
+  if (options_.disparity_bias_sigma > 0)
+    problem.disparity_bias_sigma = std::sqrt(disparity_bias_variance_ / (kBiasRepeats * options_.window));
   const BundleResult result = solve_bundle(camera_, problem, options_.bundle, stop);
   for (std::size_t i = 0; i < window.size(); ++i)
     if (!problem.fixed[i]) map_.set_pose(window[i], problem.T_camera_world[i]);
@@ -378,6 +402,9 @@ void LocalMapper::adjust(KeyframeId id, const std::atomic<bool>* stop) {
   for (const PointId point : points)
     if (map_.find(point)) refresh_appearance(point);
   disparity_bias_ += problem.disparity_bias;
+  disparity_bias_variance_ = 1 / (1 / disparity_bias_variance_ +
+                                  result.disparity_bias_information / (kBiasRepeats * options_.window)) +
+                             kBiasWalk * kBiasWalk;
   map_.shift_disparities(problem.disparity_bias);
 }
 

@@ -2,6 +2,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "sweepkit/slam/odometry_bridge.hpp"
 
+#include <Eigen/Cholesky>
 #include <algorithm>
 #include <cmath>
 #include <numbers>
@@ -15,8 +16,15 @@ constexpr double kDegree = std::numbers::pi / 180;
 constexpr std::size_t kEarlySamples = 100;
 // Wheels slip when they turn by so much more than the robot moves [m/s]; below it is noise and calibration.
 constexpr double kSlipSpeed = 0.03;
+constexpr double kUsualImuRate = 200;  // [Hz]
+// A gyro's bias is known when it is to this [rad/s].
+constexpr double kKnownBias = 0.002;
+// A standstill is told to the filter in pieces of this length [ns].
+constexpr TimeNs kStandPiece = 300'000'000;
 // What a wheel says is doubted back to here, once it is found wrong [ns].
 constexpr TimeNs kDoubtBack = 300'000'000;
+// Local adjustment moves the robot within what was uncertain: chi-square of the move.
+constexpr double kLocalShift = 25;
 constexpr TimeNs kFoldAfter = kNsPerSecond;
 
 }  // namespace
@@ -25,8 +33,12 @@ OdometryBridge::OdometryBridge(const MotionSensors& sensors, const OdometryBridg
     : sensors_(sensors), options_(options), filter_(sensors, options.navigation) {
   const WheelGeometry geometry = sensors_.wheels ? sensors_.wheels->geometry : WheelGeometry();
   const SE3d T_body_base = sensors_.wheels ? sensors_.wheels->T_body_base : SE3d();
-  if (usable())
-    edges_.emplace(geometry, T_body_base, sensors_.imu ? sensors_.imu->noise : ImuNoise(), options_.edges);
+  if (!usable()) return;
+  const ImuNoise noise = sensors_.imu ? sensors_.imu->noise : ImuNoise();
+  const double rate = sensors_.imu && sensors_.imu->rate_hz > 0 ? sensors_.imu->rate_hz : kUsualImuRate;
+  edges_.emplace(geometry, T_body_base, noise, options_.edges);
+  standstill_.emplace(noise, rate, geometry, options_.standstill);
+  if (!sensors_.imu) slip_by_vision_.emplace(geometry, T_body_base, noise, options_.slip);
 }
 
 SE3d OdometryBridge::start(TimeNs t) {
@@ -71,7 +83,11 @@ void OdometryBridge::add(const ImuSample& sample) {
     filter_.loosen(0, options_.gyro_range * kDegree * dt * 0.1, options_.accel_range * dt);
   }
   last_imu_ = sample.t;
-  window_.push_back(sample);
+  standstill_->add(sample);
+  if (standing_) {
+    gyro_sum_ += sample.gyro;
+    ++gyro_count_;
+  }
   judge_standstill(sample.t);
 }
 
@@ -83,36 +99,44 @@ void OdometryBridge::add(const WheelSample& sample) {
   if (dt > options_.navigation.max_gap)
     events_.push_back(Event(sample.t, "sensor_gap").with("sensor", "wheels").with("seconds", dt));
   const TimeNs before = std::exchange(last_wheels_, sample.t).value_or(sample.t);
+  standstill_->add(sample);
+  if (slip_by_vision_) slip_by_vision_->add(sample);
+  if (!sensors_.imu) judge_standstill(sample.t);
   const WheelCheck check = filter_.add(sample, !slipping() && !lifted_, !lifted_);
   if (!check.usable) return;
-  if (std::max(std::abs(check.left_speed), std::abs(check.right_speed)) > 1e-9) rolled_at_ = sample.t;
   judge_wheels(sample.t, check);
   judge_lift(sample.t, dt, check);
   if ((slipping() || lifted_) && edges_) edges_->distrust_wheels(before, sample.t);
 }
 
 void OdometryBridge::judge_wheels(TimeNs t, const WheelCheck& check) {
-  if (!sensors_.imu) return;
-  const double rolled = 0.5 * (check.left_speed + check.right_speed);
-  const bool wrong = check.chi2_speed > options_.navigation.wheel_gate;
-  if (wrong) {
+  const bool turning = std::max(std::abs(check.left_speed), std::abs(check.right_speed)) > kSlipSpeed;
+  if (!sensors_.imu) {
+    const bool slips = slip_by_vision_->slipping();
+    if (slips && !slipping()) tell_slip(t, check, false);
+    slip_since_ = slips ? std::optional(slip_since_.value_or(t)) : std::nullopt;
+    return;
+  }
+  if (check.chi2_speed > options_.navigation.wheel_gate) {
     ++disagreements_;
     agreed_since_ = t;
   } else {
     disagreements_ = 0;
   }
-  if (!slipping() && disagreements_ >= options_.disagreements &&
-      std::max(std::abs(check.left_speed), std::abs(check.right_speed)) > kSlipSpeed) {
+  if (!slipping() && disagreements_ >= options_.disagreements && turning) {
     slip_since_ = t;
     if (edges_) edges_->distrust_wheels(t - kDoubtBack, t);
-    events_.push_back(Event(t, lifted_ ? "free_spin" : "slip")
-                          .with("left_m_s", check.left_speed)
-                          .with("right_m_s", check.right_speed)
-                          .with("forward_m_s", check.forward_speed)
-                          .with("rolled_m_s", rolled));
+    tell_slip(t, check, lifted_);
   } else if (slipping() && to_seconds(t - agreed_since_) > options_.agreement) {
     slip_since_.reset();
   }
+}
+
+void OdometryBridge::tell_slip(TimeNs t, const WheelCheck& check, bool free) {
+  events_.push_back(Event(t, free ? "free_spin" : "slip")
+                        .with("left_m_s", check.left_speed)
+                        .with("right_m_s", check.right_speed)
+                        .with("forward_m_s", check.forward_speed));
 }
 
 void OdometryBridge::judge_lift(TimeNs t, double dt, const WheelCheck& check) {
@@ -125,6 +149,7 @@ void OdometryBridge::judge_lift(TimeNs t, double dt, const WheelCheck& check) {
     lifted_ = true;
     calm_since_ = t;
     if (edges_) edges_->distrust_wheels(t - kDoubtBack, t);
+    if (slipping()) tell_slip(t, check, true);
     events_.push_back(Event(t, "lifted").with("risen_m", risen_).with("tilt_deg", tilt() / kDegree));
     return;
   }
@@ -141,26 +166,24 @@ void OdometryBridge::judge_lift(TimeNs t, double dt, const WheelCheck& check) {
 }
 
 void OdometryBridge::judge_standstill(TimeNs t) {
-  while (window_.size() > 1 && to_seconds(t - window_.front().t) > 0.25) window_.pop_front();
-  const double seconds = to_seconds(t - window_.front().t);
-  if (seconds < 0.2 || window_.size() < 10) return;
-  Vec3<double> g = Vec3<double>::Zero(), a = g, gg = g, aa = g;
-  for (const ImuSample& s : window_) {
-    g += s.gyro;
-    a += s.accel;
-    gg += s.gyro.cwiseAbs2();
-    aa += s.accel.cwiseAbs2();
-  }
-  const double n = static_cast<double>(window_.size());
-  const bool still = std::sqrt((gg / n - (g / n).cwiseAbs2()).maxCoeff()) < 0.01 &&
-                     std::sqrt((aa / n - (a / n).cwiseAbs2()).maxCoeff()) < 0.1 &&
-                     (!sensors_.wheels || to_seconds(t - rolled_at_) > 0.25);
-  if (still && !standing_) events_.push_back(Event(t, "standstill"));
-  if (still && (!standing_ || to_seconds(t - stopped_at_) > 0.25)) {
-    filter_.stand_still(g / n, seconds);
+  using Place = NavigationState::Place;
+  const auto bias = filter_.state().covariance.diagonal().segment<3>(Place::kGyroBias);
+  if (sensors_.imu && bias.maxCoeff() < kKnownBias * kKnownBias)
+    standstill_->set_gyro_bias(filter_.state().gyro_bias);
+  const bool standing = standstill_->standing();
+  if (standing && !standing_) {
+    events_.push_back(Event(t, "standstill"));
     stopped_at_ = t;
+    gyro_sum_.setZero();
+    gyro_count_ = 0;
   }
-  standing_ = still;
+  standing_ = standing;
+  if (!standing || t - stopped_at_ < kStandPiece) return;
+  const Vec3<double> mean = gyro_count_ > 0 ? Vec3<double>(gyro_sum_ / gyro_count_) : gyro_sum_;
+  filter_.stand_still(mean, to_seconds(t - stopped_at_));
+  stopped_at_ = t;
+  gyro_sum_.setZero();
+  gyro_count_ = 0;
 }
 
 double OdometryBridge::tilt() const {
@@ -171,6 +194,10 @@ double OdometryBridge::tilt() const {
 }
 
 void OdometryBridge::correct(const SE3d& T_world_body, const Mat6<double>& covariance) {
+  const TimeNs t = filter_.state().t;
+  if (slip_by_vision_ && seen_ && seen_->first < t)
+    slip_by_vision_->add_motion(seen_->first, t, {seen_->second.inverse() * T_world_body, 2 * covariance});
+  seen_ = {t, T_world_body};
   filter_.correct(T_world_body, covariance);
 }
 
@@ -192,7 +219,8 @@ void OdometryBridge::fold_motion(TimeNs t) {
   const OdometryMotion moved = edges_->between(moved_until_, t);
   using Place = NavigationState::Place;
   const Mat3<double> bias = state.covariance.block<3, 3>(Place::kGyroBias, Place::kGyroBias);
-  const Mat3<double> scales = wheels.asDiagonal() * state.covariance.block<3, 3>(Place::kWheels, Place::kWheels) *
+  const Mat3<double> scales = wheels.asDiagonal() *
+                              state.covariance.block<3, 3>(Place::kWheels, Place::kWheels) *
                               wheels.asDiagonal();
   motion_ = motion_ * UncertainMotion<double>{moved.motion.T, moved.covariance_with(bias, scales)};
   edges_->forget_before(t);
@@ -205,6 +233,18 @@ UncertainMotion<double> OdometryBridge::take_motion() {
   // A motion without any error would be a tie that nothing can move.
   motion.covariance.diagonal().array() += 1e-9;
   return motion;
+}
+
+void OdometryBridge::follow_map(const SE3d& T_new_old) {
+  if (seen_) seen_->second = T_new_old * seen_->second;
+  const SE3d& T_world_body = filter_.state().T_world_body;
+  const SE3d T_corrected = T_new_old * T_world_body;
+  const Vec6<double> moved = (T_world_body.inverse() * T_corrected).log();
+  const Mat6<double> covariance = filter_.state().pose_covariance();
+  if (!lifted_ && moved.dot(covariance.ldlt().solve(moved)) < kLocalShift)
+    filter_.correct(T_corrected, covariance);
+  else
+    filter_.move_world(T_new_old);
 }
 
 std::vector<Event> OdometryBridge::take_events() { return std::exchange(events_, {}); }

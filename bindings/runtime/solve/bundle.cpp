@@ -4,6 +4,7 @@
 
 #include <ceres/ceres.h>
 
+#include <Eigen/Cholesky>
 #include <Eigen/Eigenvalues>
 #include <algorithm>
 #include <array>
@@ -234,6 +235,87 @@ bool beyond_gate(const RectifiedCamera& camera, const Mat3<double>& R, const Vec
   return !(e.squaredNorm() <= gate * (stereo ? kGateStereo : kGateMono));
 }
 
+// The information of the bias once poses and points are eliminated: Schur complements, points first.
+double bias_information(const RectifiedCamera& camera, const BundleProblem& problem,
+                        const std::vector<std::uint8_t>& outlier,
+                        const std::vector<std::uint8_t>& determined) {
+  const std::size_t pose_count = problem.T_camera_world.size();
+  std::vector<int> column(pose_count, -1);
+  int columns = 0;
+  for (std::size_t i = 0; i < pose_count; ++i)
+    if (!problem.fixed[i]) column[i] = 6 * std::exchange(columns, columns + 1);
+  const Eigen::Index n = 6 * columns;
+  // The last row and column are the bias's.
+  Eigen::MatrixXd S = Eigen::MatrixXd::Zero(n + 1, n + 1);
+
+  struct Seen {
+    int column;
+    Eigen::Matrix<double, 6, 3> W;
+  };
+  struct OfPoint {
+    Mat3<double> H = Mat3<double>::Zero();
+    Vec3<double> w_bias = Vec3<double>::Zero();
+    std::vector<Seen> seen;
+  };
+  std::vector<Mat3<double>> R(pose_count);
+  for (std::size_t i = 0; i < pose_count; ++i) R[i] = problem.T_camera_world[i].rotation().matrix();
+  std::vector<OfPoint> points(problem.points.size());
+  for (std::size_t k = 0; k < problem.observations.size(); ++k) {
+    const BundleObservation& o = problem.observations[k];
+    const auto pose = static_cast<std::size_t>(o.pose), point = static_cast<std::size_t>(o.point);
+    if (outlier[k] || !determined[point]) continue;
+    const bool stereo = !(o.u_right < 0.0F);
+    Vec3<double> e;
+    Eigen::Matrix<double, 3, 6> J_pose;
+    Mat3<double> J_point;
+    if (!reprojection_error(camera, R[pose], problem.T_camera_world[pose].translation(),
+                            problem.points[point], o.u, o.v, 0.0, e, &J_pose, &J_point))
+      continue;
+    const double w = 1.0 / (static_cast<double>(o.sigma) * o.sigma);
+    const Vec3<double> weight(
+        w, w, stereo ? 1.0 / (static_cast<double>(o.sigma_disparity) * o.sigma_disparity) : 0.0);
+    const Mat3<double> weighted_point = weight.asDiagonal() * J_point;
+    OfPoint& of = points[point];
+    of.H += J_point.transpose() * weighted_point;
+    of.w_bias += weighted_point.row(2).transpose();
+    S(n, n) += weight[2];
+    if (const int c = column[pose]; c >= 0) {
+      const Eigen::Matrix<double, 3, 6> weighted_pose = weight.asDiagonal() * J_pose;
+      S.block<6, 6>(c, c) += J_pose.transpose() * weighted_pose;
+      S.block<6, 1>(c, n) += weighted_pose.row(2).transpose();
+      of.seen.push_back({c, J_pose.transpose() * weighted_point});
+    }
+  }
+  for (const OfPoint& of : points) {
+    if (of.H.isZero(0.0)) continue;
+    Mat3<double> H = of.H;
+    H.diagonal() *= 1.0 + 1e-9;
+    const Mat3<double> inverse = H.inverse();
+    if (!inverse.allFinite()) continue;
+    S(n, n) -= of.w_bias.dot(inverse * of.w_bias);
+    for (const Seen& a : of.seen) {
+      const Eigen::Matrix<double, 6, 3> Wa = a.W * inverse;
+      S.block<6, 1>(a.column, n) -= Wa * of.w_bias;
+      for (const Seen& b : of.seen)
+        if (b.column >= a.column) S.block<6, 6>(a.column, b.column) -= Wa * b.W.transpose();
+    }
+  }
+  for (const RelativePose& r : problem.relative_poses) {
+    const auto a = static_cast<std::size_t>(r.a), b = static_cast<std::size_t>(r.b);
+    Mat6<double> J_a, J_b;
+    relative_pose_error(problem.T_camera_world[a], problem.T_camera_world[b], r.T_a_b, &J_a, &J_b);
+    const int ca = column[a], cb = column[b];
+    if (ca >= 0) S.block<6, 6>(ca, ca) += J_a.transpose() * r.information * J_a;
+    if (cb >= 0) S.block<6, 6>(cb, cb) += J_b.transpose() * r.information * J_b;
+    if (ca >= 0 && cb >= 0 && ca < cb) S.block<6, 6>(ca, cb) += J_a.transpose() * r.information * J_b;
+    if (ca >= 0 && cb >= 0 && cb < ca) S.block<6, 6>(cb, ca) += J_b.transpose() * r.information * J_a;
+  }
+  const Eigen::VectorXd cross = S.col(n).head(n);
+  const Eigen::MatrixXd poses = S.topLeftCorner(n, n).selfadjointView<Eigen::Upper>();
+  const double information = S(n, n) - cross.dot(poses.ldlt().solve(cross));
+  return std::isfinite(information) ? std::max(information, 0.0) : 0.0;
+}
+
 }  // namespace
 
 BundleResult solve_bundle(const RectifiedCamera& camera, BundleProblem& problem, const BundleOptions& options,
@@ -396,6 +478,8 @@ BundleResult solve_bundle(const RectifiedCamera& camera, BundleProblem& problem,
     if (pose_used[i] && !problem.fixed[i]) problem.T_camera_world[i] = to_motion(poses[i].data());
   problem.points = std::move(points);
   problem.disparity_bias = bias;
+  if (estimate_bias)
+    result.disparity_bias_information = bias_information(camera, problem, result.outlier, determined);
   return result;
 }
 

@@ -517,7 +517,7 @@ class Sweeper::Impl {
     const SE3d T_map_body_after = tracker_.last_T_camera_world().inverse() * T_camera_body_;
     // The map was corrected under the robot: odom stays, and the correction goes between the two frames.
     T_odom_map_ = T_odom_map_ * T_map_body_before * T_map_body_after.inverse();
-    if (bridge_.started()) bridge_.move_world(T_map_body_after * T_map_body_before.inverse());
+    if (bridge_.started()) bridge_.follow_map(T_map_body_after * T_map_body_before.inverse());
     const std::scoped_lock lock(state_mutex_);
     const auto it = std::lower_bound(history_.begin(), history_.end(), map->newest_t,
                                      [](const TrackedImage& image, TimeNs key) { return image.t < key; });

@@ -37,6 +37,8 @@ struct LocalMapperOptions {
   double cull_redundancy = 0.9;
   int cull_observations = 3;
   double disparity_bias_sigma = 0.1;
+  double odometry_scale_sigma = 0.1;
+  int scale_points = 50;
   BruteForceOptions triangulation = {.max_distance = 50, .ratio = 0.85};
   BundleOptions bundle;
 
@@ -69,9 +71,12 @@ struct LocalMapperOptions {
     v(cull_observations, "cull_observations", "", range(1, 20),
       "by how many others each of these points has to be seen");
     v(disparity_bias_sigma, "disparity_bias_sigma", "px", range(0, 10),
-      "how far the rig's common error of all disparities may lie from what was known a keyframe before; 0: "
-      "it is not "
+      "how far the rig's common error of all disparities may lie from zero before the map tells; 0: it is "
+      "not "
       "estimated");
+    v(odometry_scale_sigma, "odometry_scale_sigma", "", range(0, 10),
+      "how little the length of odometry counts between keyframes that see, as a share of it");
+    v(scale_points, "scale_points", "", range(0, 10000), "a keyframe sees if it has so many points");
     v.group(triangulation, "triangulation", "which measurements of two keyframes are tried");
     v.group(bundle, "bundle", "local bundle adjustment");
   }
@@ -127,6 +132,7 @@ class LocalMapper {
   KeyframeId newest_before(KeyframeId id) const;
   KeyframeId last_seeing(KeyframeId id) const;
   std::vector<KeyframeId> adjustment_window(KeyframeId id) const;
+  Mat6<double> odometry_covariance(KeyframeId id) const;
   Vec3<float> spread(const MapPoint& point) const;
   std::shared_ptr<const LocalMap> copy(KeyframeId newest) const;
 
@@ -138,6 +144,7 @@ class LocalMapper {
   MapId current_;
   double disparity_bias_ = 0;
   std::vector<PointId> recent_points_;
+  double disparity_bias_variance_;  // of what remains of it
   ProjectionMatcher matcher_;
   BruteForceMatcher triangulation_matcher_;
   KeypointGrid grid_;

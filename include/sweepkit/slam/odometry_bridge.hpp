@@ -4,11 +4,14 @@
 
 #include <deque>
 #include <optional>
+#include <utility>
 #include <vector>
 
 #include "sweepkit/core/event.hpp"
 #include "sweepkit/core/options.hpp"
 #include "sweepkit/motion/navigation_filter.hpp"
+#include "sweepkit/motion/slip.hpp"
+#include "sweepkit/motion/standstill.hpp"
 #include "sweepkit/motion/wheel_odometry.hpp"
 
 namespace sweepkit {
@@ -16,6 +19,8 @@ namespace sweepkit {
 /// What the odometry bridge may be told.
 struct OdometryBridgeOptions {
   NavigationOptions navigation;
+  StandstillOptions standstill;
+  SlipOptions slip;
   OdometryOptions edges;
   int disagreements = 3;
   double agreement = 0.2;
@@ -28,6 +33,8 @@ struct OdometryBridgeOptions {
   template <class Visitor>
   void visit_options(Visitor& v) {
     v.group(navigation, "navigation", "the filter that carries the pose between images");
+    v.group(standstill, "standstill", "when the robot stands still");
+    v.group(slip, "slip", "when wheels slip, told by vision where there is no IMU");
     v.group(edges, "edges", "motion between keyframes, from wheels and gyro alone");
     v(disagreements, "disagreements", "samples", range(1, 1000),
       "so many wheel samples in a row that IMU and vision contradict are slip");
@@ -68,10 +75,13 @@ class OdometryBridge {
   UncertainMotion<double> pose() const {
     return {filter_.state().T_world_body, filter_.state().pose_covariance()};
   }
-  /// The pose after looking. @param covariance of a right perturbation of T_world_body
+  /// The pose after looking, at the instant of advance. @param covariance of a right perturbation of
+  /// T_world_body
   void correct(const SE3d& T_world_body, const Mat6<double>& covariance);
-  /// The map was moved under the robot.
-  void move_world(const SE3d& T_new_old) { filter_.move_world(T_new_old); }
+  /// The map around the robot was adjusted. What local adjustment moves, it moves because it knows better
+  /// where the robot came along: velocity and wheels learn from it. Larger moves, of loops and joins, tell
+  /// nothing of that and take the robot along.
+  void follow_map(const SE3d& T_new_old);
 
   /// How the body moved by wheels and gyro alone since the last call, or the start, until the last advance.
   UncertainMotion<double> take_motion();
@@ -88,14 +98,15 @@ class OdometryBridge {
   void judge_wheels(TimeNs t, const WheelCheck& check);
   void judge_lift(TimeNs t, double dt, const WheelCheck& check);
   void judge_standstill(TimeNs t);
+  void tell_slip(TimeNs t, const WheelCheck& check, bool free);
   double tilt() const;
   void fold_motion(TimeNs t);
 
   MotionSensors sensors_;
   OdometryBridgeOptions options_;
   NavigationFilter filter_;
-  std::deque<ImuSample> window_;
-  TimeNs rolled_at_ = 0;
+  std::optional<StandstillDetector> standstill_;
+  std::optional<SlipDetector> slip_by_vision_;  // without an IMU
   std::optional<OdometryIntegrator> edges_;
   std::vector<Event> events_;
 
@@ -105,12 +116,15 @@ class OdometryBridge {
   std::optional<TimeNs> last_imu_, last_wheels_;
   // Standstill.
   bool standing_ = false;
-  TimeNs stopped_at_ = 0;
+  TimeNs stopped_at_ = 0;  // stand_still was told until here
+  Vec3<double> gyro_sum_ = Vec3<double>::Zero();
+  int gyro_count_ = 0;
   // Slip.
   int disagreements_ = 0;
   TimeNs agreed_since_ = 0;
   std::optional<TimeNs> slip_since_;
-  double slip_rolled_ = 0, slip_moved_ = 0;
+  // The pose before, as vision had it.
+  std::optional<std::pair<TimeNs, SE3d>> seen_;
   // Lifting.
   bool lifted_ = false;
   double risen_ = 0;

@@ -75,6 +75,9 @@ struct BundleResult {
   std::vector<std::uint8_t>
       outlier;  ///< for each observation: 1 beyond the gate or behind the camera at the end
   int outliers = 0;
+  /// What the observations and relative poses say of disparity_bias, its prior left out and all poses and
+  /// points unknown [1/px^2]; 0 where it is not estimated.
+  double disparity_bias_information = 0.0;
   int relative_outliers = 0;  ///< relative poses beyond the 95 % gate at the end
   int unused =
       0;  ///< observations of points that they do not determine: seen by one pose only, without disparity
