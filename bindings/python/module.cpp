@@ -20,6 +20,7 @@ PYBIND11_MODULE(_core, m) {
   add("geometry", python::register_geometry, "Rotations, motions, cameras, stereo rig, triangulation, PnP.");
   add("image", python::register_image, "Images in several sizes.");
   add("feature", python::register_feature, "Key points with binary descriptors.");
+  add("motion", python::register_motion, "Wheels and IMU: integration, bias, standstill, calibration, slip.");
   add("match", python::register_match, "Stereo matching and matching by descriptor.");
   add("bow", python::register_bow, "Vocabularies, bags of words, images by their words.");
   add("solve", python::register_solve, "Options of the solvers.");

@@ -11,6 +11,7 @@ void register_core(pybind11::module_& m);
 void register_geometry(pybind11::module_& m);
 void register_image(pybind11::module_& m);
 void register_feature(pybind11::module_& m);
+void register_motion(pybind11::module_& m);
 void register_match(pybind11::module_& m);
 void register_bow(pybind11::module_& m);
 void register_solve(pybind11::module_& m);

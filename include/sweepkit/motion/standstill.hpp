@@ -18,7 +18,7 @@ namespace sweepkit {
 struct StandstillOptions {
   double window = 0.3;
   double noise_factor = 1.6;
-  double max_rate = 3.0;
+  double max_rate = 6.0;
   double max_rate_from_bias = 0.5;
   double max_ticks = 1.0;
   double max_wheel_speed = 0.003;
