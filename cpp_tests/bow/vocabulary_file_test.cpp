@@ -162,6 +162,19 @@ TEST_CASE("words keep their numbers where other libraries would give others", "[
       write_vocabulary((folder / "gap.yml").string(), renumbered(tree), VocabularyFormat::dbow2_yaml));
 }
 
+TEST_CASE("packed files of DBoW3 are smaller, with equal content too", "[bow]") {
+  const ScratchFolder folder;
+  for (const bool alike : {false, true}) {
+    VocabularyTree tree = random_tree({.branching = 9, .depth = 3, .alike = alike}, 21);
+    if (alike) std::fill(tree.descriptors.begin(), tree.descriptors.end(), 0);
+    const std::string raw = (folder / "raw.dbow3").string(), packed = (folder / "packed.dbow3").string();
+    write_vocabulary(raw, tree, VocabularyFormat::dbow3_binary);
+    write_vocabulary(packed, tree, VocabularyFormat::dbow3_compressed);
+    CHECK(read_vocabulary(packed) == read_vocabulary(raw));
+    CHECK(std::filesystem::file_size(packed) < (alike ? 0.5 : 0.9) * std::filesystem::file_size(raw));
+  }
+}
+
 TEST_CASE("names and formats", "[bow]") {
   CHECK(vocabulary_format("fbow") == VocabularyFormat::fbow);
   CHECK_THROWS_AS(vocabulary_format("bow"), Error);

@@ -119,7 +119,90 @@ Chunk read_header(std::string_view in, const std::string& place) {
   return chunk;
 }
 
+/// Packs a chunk for level 1. What it may refer to is kept as one who unpacks it will: positions of which
+/// three bytes are known, but for those inside matches.
+class Packer {
+ public:
+  explicit Packer(std::string_view in) : in_(in) {}
+
+  std::string run() {
+    begin_control();
+    while (at_ < in_.size()) {
+      if (items_ == 31) {
+        end_control();
+        begin_control();
+      }
+      ++items_;
+      // The last bytes are literals.
+      const std::size_t count = at_ + 10 < in_.size() ? match_length() : 0;
+      if (count < 3) {
+        out_ += in_[at_++];
+        if (at_ >= 3) hash_up_to(at_ - 2);
+        continue;
+      }
+      control_ |= 1u << (items_ - 1);
+      const std::uint32_t hash = hash_at(at_);
+      const bool brief = count < 18;
+      out_ += static_cast<char>((hash & 15) << 4 | (brief ? count - 2 : 0));
+      out_ += static_cast<char>(hash >> 4);
+      if (!brief) out_ += static_cast<char>(count);
+      hash_up_to(at_ + 1);
+      at_ += count;
+      hashed_ = at_;
+    }
+    end_control();
+    return std::move(out_);
+  }
+
+ private:
+  std::uint32_t hash_at(std::size_t i) const {
+    const auto byte = [&](std::size_t k) { return std::uint32_t{static_cast<std::uint8_t>(in_[k])}; };
+    const std::uint32_t next = byte(i) | byte(i + 1) << 8 | byte(i + 2) << 16;
+    return (next >> 12 ^ next) & (kHashes - 1);
+  }
+  void hash_up_to(std::size_t end) {
+    for (; hashed_ < end; ++hashed_) place_of_[hash_at(hashed_)] = static_cast<std::uint32_t>(hashed_) + 1;
+  }
+  std::size_t match_length() const {
+    const std::uint32_t place = place_of_[hash_at(at_)];
+    if (place == 0) return 0;
+    const std::size_t from = place - 1, most = std::min<std::size_t>(255, in_.size() - 4 - at_);
+    std::size_t count = 0;
+    while (count < most && in_[from + count] == in_[at_ + count]) ++count;
+    return count;
+  }
+  void begin_control() {
+    control_at_ = out_.size();
+    out_.append(4, '\0');
+    control_ = 0;
+    items_ = 0;
+  }
+  void end_control() {
+    const std::uint32_t word = control_ | 1u << 31;
+    for (int i = 0; i < 4; ++i)
+      out_[control_at_ + static_cast<std::size_t>(i)] = static_cast<char>(word >> (8 * i));
+  }
+
+  std::string_view in_;
+  std::string out_;
+  std::size_t at_ = 0, hashed_ = 0, control_at_ = 0;
+  std::uint32_t control_ = 0;
+  int items_ = 0;
+  std::array<std::uint32_t, kHashes> place_of_{};  // and one; 0 for none
+};
+
 }  // namespace
+
+std::string pack_quicklz(std::string_view piece) {
+  std::string body = Packer(piece).run();
+  const bool packed = body.size() < piece.size();
+  if (!packed) body = piece;
+  // Level 1, long header.
+  std::string chunk(1, static_cast<char>(0x40 | 0x04 | 0x02 | (packed ? 1 : 0)));
+  for (const std::size_t number : {body.size() + 9, piece.size()})
+    for (int i = 0; i < 4; ++i) chunk += static_cast<char>(number >> (8 * i));
+  return chunk + body;
+}
 
 std::size_t unpack_quicklz(std::string_view in, std::size_t limit, const std::string& place,
                            std::string& out) {

@@ -149,15 +149,8 @@ void write_dbow3_binary(const VocabularyTree& tree, bool compressed, const Sink&
   }
   append(head, static_cast<std::uint32_t>((body.size() + kChunk - 1) / kChunk));
   sink(head);
-  for (std::size_t from = 0; from < body.size(); from += kChunk) {
-    const std::string_view piece = std::string_view(body).substr(from, kChunk);
-    // Level 1, long header, stored.
-    std::string chunk(1, static_cast<char>(0x40 | 0x04 | 0x02));
-    append(chunk, static_cast<std::uint32_t>(piece.size() + 9));
-    append(chunk, static_cast<std::uint32_t>(piece.size()));
-    chunk += piece;
-    sink(chunk);
-  }
+  for (std::size_t from = 0; from < body.size(); from += kChunk)
+    sink(pack_quicklz(std::string_view(body).substr(from, kChunk)));
 }
 
 VocabularyTree read_fbow(const std::string& path, std::string_view content) {

@@ -59,4 +59,7 @@ void write_fbow(const VocabularyTree& tree, const Sink& sink);
 std::size_t unpack_quicklz(std::string_view chunk, std::size_t limit, const std::string& place,
                            std::string& out);
 
+/// Packs at least one byte into a chunk; stores it where packing gains nothing.
+std::string pack_quicklz(std::string_view piece);
+
 }  // namespace sweepkit::impl

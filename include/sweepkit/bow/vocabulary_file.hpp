@@ -45,8 +45,8 @@ VocabularyTree read_vocabulary(const std::string& path);
 /// written.
 ///
 /// DBoW2 and DBoW3 number words without gaps, each once, else Error(argument): see renumbered(). FBoW's files
-/// hold no weighting and no score, and weights of single precision. The chunks of dbow3_compressed are
-/// stored, not packed: DBoW3 reads them like any other. Throws Error(io) where the file cannot be written.
+/// hold no weighting and no score, and weights of single precision. Throws Error(io) where the file cannot be
+/// written.
 void write_vocabulary(const std::string& path, const VocabularyTree& tree, VocabularyFormat format);
 
 /// The same tree with its words numbered level by level from 0 without gaps.
