@@ -251,6 +251,7 @@ void register_trajectories(py::module_& m) {
 void register_data(py::module_& m) {
   register_recordings(m);
   register_trajectories(m);
+  register_simulation_world(m);
 }
 
 }  // namespace sweepkit::python

@@ -17,6 +17,7 @@ void register_bow(pybind11::module_& m);
 void register_solve(pybind11::module_& m);
 void register_slam(pybind11::module_& m);
 void register_data(pybind11::module_& m);
+void register_simulation_world(pybind11::module_& m);
 void register_system(pybind11::module_& m);
 
 }  // namespace sweepkit::python
