@@ -24,10 +24,18 @@ struct MainDirectionOptions {
   double inlier_tolerance = 1.5;
   double stereo_tolerance = 2.0;
   double min_frame_confidence = 0.8;
-  double min_collected_share = 0.2;
+  double min_collected_share = 0.3;
   double max_drift = 6.0;
   double max_sigma = 0.5;
-  ManhattanOptions manhattan;
+  ManhattanOptions manhattan = in_rooms();
+
+  /// Edges of rooms are long, those of what stands about in them, and of its patterns, many and short: here
+  /// length counts without a limit.
+  static ManhattanOptions in_rooms() {
+    ManhattanOptions options;
+    options.segments.full_length = 300;
+    return options;
+  }
 
   template <class Visitor>
   void visit_options(Visitor& v) {
