@@ -14,10 +14,12 @@ void register_feature(pybind11::module_& m);
 void register_motion(pybind11::module_& m);
 void register_match(pybind11::module_& m);
 void register_bow(pybind11::module_& m);
+void register_direction(pybind11::module_& m);
 void register_solve(pybind11::module_& m);
 void register_slam(pybind11::module_& m);
 void register_data(pybind11::module_& m);
 void register_simulation_world(pybind11::module_& m);
+void register_simulation_drive(pybind11::module_& m);
 void register_system(pybind11::module_& m);
 
 }  // namespace sweepkit::python
