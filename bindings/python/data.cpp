@@ -252,6 +252,7 @@ void register_data(py::module_& m) {
   register_recordings(m);
   register_trajectories(m);
   register_simulation_world(m);
+  register_simulation_drive(m);
 }
 
 }  // namespace sweepkit::python
