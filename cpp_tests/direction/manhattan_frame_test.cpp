@@ -2,6 +2,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "sweepkit/direction/manhattan_frame.hpp"
 
+#include <algorithm>
 #include <array>
 #include <catch2/catch.hpp>
 
