@@ -114,8 +114,9 @@ KeyframeId LocalMapper::insert(KeyframeCandidate&& candidate) {
   if (parent.valid()) {
     const Keyframe& from = map_.keyframe(tracked ? parent : before);
     const Mat6<double> Ad = (keyframe.T_camera_world * from.T_camera_world.inverse()).adjoint();
-    keyframe.covariance = Ad * from.covariance * Ad.transpose() +
-                          (tracked ? frame.covariance : keyframe.odometry->motion.covariance);
+    keyframe.covariance =
+        Ad * from.covariance * Ad.transpose() +
+        (tracked ? options_.drift_factor * frame.covariance : keyframe.odometry->motion.covariance);
   }
   const KeyframeId id = map_.add_keyframe(std::move(keyframe));
   for (std::uint32_t i = 0; i < frame.points.size(); ++i)

@@ -2,7 +2,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "sweepkit/slam/odometry_bridge.hpp"
 
-#include <Eigen/Cholesky>
 #include <algorithm>
 #include <cmath>
 #include <numbers>
@@ -23,8 +22,9 @@ constexpr double kKnownBias = 0.002;
 constexpr TimeNs kStandPiece = 300'000'000;
 // What a wheel says is doubted back to here, once it is found wrong [ns].
 constexpr TimeNs kDoubtBack = 300'000'000;
-// Local adjustment moves the robot within what was uncertain: chi-square of the move.
-constexpr double kLocalShift = 25;
+// Local adjustment moves the robot by less than this [m, rad].
+constexpr double kLocalShift = 0.02;
+constexpr double kLocalTurn = 0.02;
 constexpr TimeNs kFoldAfter = kNsPerSecond;
 
 }  // namespace
@@ -241,7 +241,7 @@ void OdometryBridge::follow_map(const SE3d& T_new_old) {
   const SE3d T_corrected = T_new_old * T_world_body;
   const Vec6<double> moved = (T_world_body.inverse() * T_corrected).log();
   const Mat6<double> covariance = filter_.state().pose_covariance();
-  if (!lifted_ && moved.dot(covariance.ldlt().solve(moved)) < kLocalShift)
+  if (!lifted_ && moved.head<3>().norm() < kLocalShift && moved.tail<3>().norm() < kLocalTurn)
     filter_.correct(T_corrected, covariance);
   else
     filter_.move_world(T_new_old);

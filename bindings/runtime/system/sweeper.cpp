@@ -403,7 +403,12 @@ class Sweeper::Impl {
   Mat6<double> drift(const SE3d& T_map_body) const {
     const SE3d* T_anchor_map = local_map_ ? local_map_->find(local_map_->anchor) : nullptr;
     if (!T_anchor_map) return Mat6<double>::Zero();
-    return carry_covariance(local_map_->anchor_covariance, *T_anchor_map * T_map_body);
+    Mat6<double> drift = carry_covariance(local_map_->anchor_covariance, *T_anchor_map * T_map_body);
+    // A rig whose disparities are all off by a little makes the map too large or too small as a whole.
+    const Vec3<double> from_start =
+        options_.map_scale_sigma * (T_map_body.rotation().inverse() * T_map_body.translation());
+    drift.topLeftCorner<3, 3>() += from_start * from_start.transpose();
+    return drift;
   }
 
   // An image that cannot be looked at still gets a pose: by odometry, or running on as before.

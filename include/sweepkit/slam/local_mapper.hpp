@@ -37,6 +37,7 @@ struct LocalMapperOptions {
   double cull_redundancy = 0.9;
   int cull_observations = 3;
   double disparity_bias_sigma = 0.1;
+  double drift_factor = 4;
   double odometry_scale_sigma = 0.1;
   int scale_points = 50;
   BruteForceOptions triangulation = {.max_distance = 50, .ratio = 0.85};
@@ -74,6 +75,9 @@ struct LocalMapperOptions {
       "how far the rig's common error of all disparities may lie from zero before the map tells; 0: it is "
       "not "
       "estimated");
+    v(drift_factor, "drift_factor", "", range(0, 1000),
+      "multiplies the covariance that a keyframe adds to its parent's: errors of points that both see go "
+      "together");
     v(odometry_scale_sigma, "odometry_scale_sigma", "", range(0, 10),
       "how little the length of odometry counts between keyframes that see, as a share of it");
     v(scale_points, "scale_points", "", range(0, 10000), "a keyframe sees if it has so many points");

@@ -51,6 +51,7 @@ struct SweeperOptions {
   int keyframe_queue = 2;
   double sample_wait = 0.02;
   double dark_level = 15;
+  double map_scale_sigma = 0.003;
   FrontendOptions frontend;
   TrackerOptions tracker;
   LocalMapperOptions mapper;
@@ -68,6 +69,8 @@ struct SweeperOptions {
     v(sample_wait, "sample_wait", "s", range(0, 1),
       "how long an image waits in real time for wheel and IMU samples of its time");
     v(dark_level, "dark_level", "grey", range(0, 255), "a mean of the left image below is darkness");
+    v(map_scale_sigma, "map_scale_sigma", "", range(0, 1),
+      "how far the size of the whole map may be off, as a share; for the covariance of poses");
     v.group(frontend, "frontend", "from images to measurements");
     v.group(tracker, "tracker", "the pose of each frame");
     v.group(mapper, "mapper", "the map");
