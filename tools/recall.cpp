@@ -6,6 +6,7 @@
 
 #include <filesystem>
 #include <fstream>
+#include <iterator>
 #include <numbers>
 #include <optional>
 #include <sstream>
@@ -190,6 +191,18 @@ Vocabulary<256> get_vocabulary(const std::string& file,
   return Vocabulary<256>(train_vocabulary<256>(images, options));
 }
 
+/// Several folders, joined by colons, one after the other.
+Views read_all(ViewReader& reader, const std::string& folders) {
+  Views all;
+  std::istringstream names(folders);
+  for (std::string name; std::getline(names, name, ':');) {
+    Views views = reader.read(name);
+    std::ranges::move(views.points, std::back_inserter(all.points));
+    std::ranges::move(views.lines, std::back_inserter(all.lines));
+  }
+  return all;
+}
+
 struct Files {
   std::string database, queries, train, points, lines, save_points, save_lines;
 };
@@ -200,7 +213,8 @@ int run(const RecallRunOptions& options, const Files& files) {
   const bool same = files.queries.empty() || files.queries == files.database;
   const Views queries = same ? Views{} : reader.read(files.queries);
   const Views& asked = same ? database : queries;
-  const Views own = files.train.empty() || files.train == files.database ? Views{} : reader.read(files.train);
+  const Views own =
+      files.train.empty() || files.train == files.database ? Views{} : read_all(reader, files.train);
   const Views& training = own.size() > 0 ? own : database;
   const Vocabulary<256> points = get_vocabulary(files.points, training.points, options.training);
   const Vocabulary<256> lines = get_vocabulary(files.lines, training.lines, options.training);
@@ -278,7 +292,8 @@ int main(int argc, char** argv) {
         &files.database, true},
        {"--queries", "FOLDER", "what is looked for in it; without it the database's own images",
         &files.queries},
-       {"--train", "FOLDER", "what vocabularies are trained on; without it the database", &files.train},
+       {"--train", "FOLDERS",
+        "what vocabularies are trained on, several joined by colons; without it the database", &files.train},
        {"--vocabulary", "FILE", "vocabulary of ORB, of any format; without it one is trained", &files.points},
        {"--line-vocabulary", "FILE", "vocabulary of LBD; without it one is trained", &files.lines},
        {"--save-vocabulary", "FILE", "where to write the one of points", &files.save_points},
