@@ -14,6 +14,8 @@
 
 namespace sweepkit::python {
 
+void register_match_lines(py::module_& m);  // match_lines.cpp
+
 namespace {
 
 template <class T>
@@ -71,6 +73,8 @@ void register_match(py::module_& m) {
           py::arg("prior") = py::none(),
           "One for each left key point: an array of stereo_match_dtype, right -1 where there is none. prior: "
           "expected disparities [px].");
+
+  register_match_lines(m);
 }
 
 }  // namespace sweepkit::python
