@@ -20,6 +20,8 @@
 
 namespace sweepkit::python {
 
+void register_recall(py::module_& m);  // recall.cpp
+
 namespace {
 
 using Rows = ArrayOf<std::uint8_t, -1, 32>;
@@ -265,6 +267,7 @@ void register_bow(py::module_& m) {
   bind_bags(m);
   bind_vocabulary(m);
   bind_inverted_file(m);
+  register_recall(m);
 }
 
 }  // namespace sweepkit::python
