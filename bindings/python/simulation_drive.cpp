@@ -119,10 +119,11 @@ SimulatedScene scene_with_options(const std::filesystem::path& file, SimulationO
   return scene;
 }
 
-py::dict simulate_file(const std::filesystem::path& file, const std::string& out, const py::kwargs& values) {
+py::dict simulate_file(const std::filesystem::path& file, const std::filesystem::path& out,
+                       const py::kwargs& values) {
   SimulationOptions options;
   const SimulatedScene scene = scene_with_options(file, options, values);
-  options.save_path = out;
+  options.save_path = out.string();
   bool interrupted = false;
   SimulationHooks hooks;
   hooks.interrupted = [&] {
