@@ -37,3 +37,41 @@ def test_brute_force_matches_an_image_to_itself(textured):
     features = OrbExtractor().extract(textured[0])
     matches = match_brute_force(features, features, BruteForceOptions(ratio=1.0))
     assert (matches["index"] == np.arange(len(features))).mean() > 0.95
+
+
+def test_nearest_codes_agree_with_distances_of_numpy():
+    rng = np.random.default_rng(5)
+    rows = rng.integers(0, 256, (3000, 32), dtype=np.uint8)
+    rows[1000:2000] = rows[:1000]
+    rows[1000:2000, 3] ^= 5  # two bits
+    codes = sk.match.NearestCodes()
+    ids = codes.insert(rows)
+    assert ids.tolist() == list(range(3000)) and len(codes) == 3000
+    codes.remove(1500)
+    assert 1500 not in codes and 1499 in codes and (codes.code(7) == rows[7]).all()
+    queries = rows[[3, 500, 2500]]
+    distances = np.unpackbits(queries[:, None] ^ rows[None], axis=2).sum(axis=2)
+    distances[:, 1500] = 1000
+    for radius in (0, 2, 110):
+        matches, begins = codes.within(queries, radius)
+        assert begins.tolist()[0] == 0 and begins[-1] == len(matches)
+        for i, row in enumerate(distances):
+            found = matches[begins[i]:begins[i + 1]]
+            expected = [(d, j) for j, d in enumerate(row) if d <= radius]
+            assert [(m["distance"], m["index"]) for m in found] == sorted(expected)
+    matches, begins = codes.nearest(queries, 4)
+    assert begins.tolist() == [0, 4, 8, 12]
+    assert [m["index"] for m in matches[:2]] == [3, 1003]
+    scan = sk.match.NearestCodes(sk.match.NearestCodesOptions(search="scan"))
+    scan.insert(np.delete(rows, 1500, axis=0))
+    assert (scan.nearest(queries, 4)[0]["distance"] == matches["distance"]).all()
+    assert scan.memory < codes.memory
+
+
+def test_nearest_codes_say_what_is_wrong():
+    codes = sk.match.NearestCodes()
+    with pytest.raises(ValueError, match=r"uint8 of shape \(n, 32\)"):
+        codes.insert(np.zeros((4, 16), np.uint8))
+    with pytest.raises(ValueError, match="no such code"):
+        codes.remove(0)
+    assert codes.nearest(np.zeros((2, 32), np.uint8))[1].tolist() == [0, 0, 0]

@@ -14,6 +14,7 @@
 
 namespace sweepkit::python {
 
+void register_match_codes(py::module_& m);  // match_codes.cpp
 void register_match_lines(py::module_& m);  // match_lines.cpp
 
 namespace {
@@ -44,6 +45,8 @@ void register_match(py::module_& m) {
       },
       py::arg("a"), py::arg("b"), py::arg("options") = BruteForceOptions{},
       "For each of a the nearest in b: an array of match_dtype, index -1 where there is none.");
+
+  register_match_codes(m);
 
   bind_options<ProjectionOptions>(m, "ProjectionOptions", "Matching near predicted places.");
   bind_options<StereoSearchOptions>(m, "StereoSearchOptions", "Which key points are paired.");
