@@ -144,8 +144,9 @@ MainDirectionWindow::Line MainDirectionWindow::consensus(const YawDrift& drift) 
 
 void MainDirectionWindow::fit(Line& line, const YawDrift& drift, MainDirection& result) const {
   const double tolerance = options_.inlier_tolerance * kDegree;
-  // What is known of the drift counts as one more measurement, against directions of this standard deviation.
-  constexpr double kDirectionSigma = 0.3 * kDegree;
+  // What is known of the drift counts as one more measurement, against directions of this standard deviation:
+  // more than they scatter, since those of one view are wrong together.
+  constexpr double kDirectionSigma = 0.6 * kDegree;
   for (int round = 0; round < 3; ++round) {
     Eigen::Matrix2d H = Eigen::Matrix2d::Zero();
     Eigen::Vector2d g = Eigen::Vector2d::Zero();

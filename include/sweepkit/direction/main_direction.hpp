@@ -52,7 +52,7 @@ struct MainDirectionOptions {
       "share of a window's frames that must have a direction for an answer");
     v(max_drift, "max_drift", "deg/s", range(0.0, 90.0), "largest drift of the yaw that is looked for");
     v(max_sigma, "max_sigma", "deg", range(0.0, 45.0),
-      "largest standard error of an answer, directions being 0.3 deg off each: more where few of them fix a "
+      "largest standard error of an answer, directions being 0.6 deg off each: more where few of them fix a "
       "drift");
     v.group(manhattan, "manhattan", "the main direction in one image");
   }
