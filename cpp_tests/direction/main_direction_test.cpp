@@ -108,6 +108,20 @@ TEST_CASE("a yaw that drifts at a steady rate does no harm, known or not") {
     }
 }
 
+TEST_CASE("directions at the end of a window do not fix its begin while the drift is unknown") {
+  for (const double sigma : {0.0, 1.0}) {
+    MainDirectionWindow window;
+    std::optional<MainDirection> answer;
+    for (int k = 0; k < 50; ++k) {
+      FrameDirection f = frame_at(from_seconds(0.1 * k), 0, 0.3);
+      f.drift.sigma = sigma * kDegree;
+      f.left.found = k >= 32;
+      answer = window.add(f);
+    }
+    CHECK(answer.has_value() == (sigma == 0));
+  }
+}
+
 TEST_CASE("frames whose cameras disagree or doubt are not collected") {
   MainDirectionOptions options;
   const FrameDirection good = frame_at(0, 0, 44.5 * kDegree, 1 * kDegree);

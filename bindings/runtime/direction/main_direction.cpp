@@ -184,8 +184,9 @@ std::optional<MainDirection> MainDirectionWindow::close() {
   const YawDrift& drift = last_.drift;
   Line line = consensus(drift);
   fit(line, drift, result);
-  const bool enough =
-      result.collected > 0 && result.collected >= options_.min_collected_share * result.frames;
+  const bool enough = result.collected > 0 &&
+                      result.collected >= options_.min_collected_share * result.frames &&
+                      result.sigma <= options_.max_sigma * kDegree;
   result.confidence = result.collected > 0 ? static_cast<double>(result.inliers) / result.collected : 0.0;
   last_confidence_ = enough ? result.confidence : 0.0;
   if (!enough || result.confidence < options_.threshold) {
