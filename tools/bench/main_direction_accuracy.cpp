@@ -79,8 +79,6 @@ int run(const std::string& folder, int starts, int seed, bool has_direction) {
   Random random(static_cast<std::uint64_t>(seed));
   MainDirectionOptions options, any;
   any.threshold = 0;
-  any.min_collected_share = 0;
-  any.max_sigma = 45;
   const StereoRig stereo = rig.stereo();
   for (int k = 0; k < starts; ++k) {
     const auto start = begin + static_cast<TimeNs>(random.uniform() * static_cast<double>(end - begin));

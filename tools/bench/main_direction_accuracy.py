@@ -9,7 +9,8 @@ Without recordings: sweephome dev01 to dev03 below the folder that SWEEPKIT_DATA
 simulated into DIR (kept and used again) with `simulate`. The starts are shared out evenly; each is uniform over the
 recording but for its last 10 s, and begins anew with nothing known. An answer's error is that at its window's first frame;
 that of the angle carried to the run's first frame stands beside it. Where a room has no main direction every answer is
-wrong. The picture: share of right answers against confidence, of the first window of each run whatever its confidence.
+wrong. The picture: share of right answers against confidence, of the first window of each run that has directions enough, whatever
+its confidence.
 Ends with 1 if a bound is missed (97 % of answers within 2 degrees, mean 0.6, none beyond 5), 77 without recordings.
 """
 
