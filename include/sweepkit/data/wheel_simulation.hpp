@@ -21,7 +21,7 @@ struct WheelSimulationOptions {
   double radius_error_left = 0.012;
   double radius_error_right = -0.008;
   double track_error = -0.011;
-  double creep = 0.01;
+  double creep = 0.001;
   bool quantised = true;
 
   template <class Visitor>
