@@ -20,6 +20,8 @@ constexpr double kTickSigma = 0.408;
 // After a silence nothing is known of the motion but that robots are slow [m/s, rad/s].
 constexpr double kUnseenSpeed = 0.3;
 constexpr double kUnseenRate = 1.0;
+// How long the last sample of a sensor holds when no other follows [s].
+constexpr double kHeld = 0.1;
 
 double square(double x) { return x * x; }
 
@@ -73,8 +75,9 @@ void NavigationFilter::start(TimeNs t, const SE3d& T_world_body,
   }
   imu_.reset();
   if (sensors_.wheels) decoder_.emplace(sensors_.wheels->geometry, options_.decoder);
-  rolled_ = false;
+  rolled_.reset();
   twist_.setZero();
+  held_ = 0;
   velocity_lag_.setZero();
   turned_.setZero();
   since_wheels_ = 0;
@@ -86,7 +89,10 @@ bool NavigationFilter::add(const ImuSample& sample) {
   const bool gap = imu_ && to_seconds(sample.t - imu_->t) > options_.max_gap;
   if (!imu_ || gap) {
     // Nothing is known of the way here but its length in time.
-    if (dt > 0 && gap) loosen(kUnseenSpeed * dt, kUnseenRate * dt, kUnseenSpeed);
+    if (gap) {
+      advance(sample.t);
+      loosen(0, 0, kUnseenSpeed);
+    }
     state_.t = std::max(state_.t, sample.t);
   } else if (dt > 0) {
     step_inertial(0.5 * (imu_->gyro + sample.gyro), 0.5 * (imu_->accel + sample.accel), dt);
@@ -96,20 +102,30 @@ bool NavigationFilter::add(const ImuSample& sample) {
   return !gap;
 }
 
+bool NavigationFilter::imu_holds(TimeNs t) const { return imu_ && to_seconds(t - imu_->t) < kHeld; }
+
 void NavigationFilter::advance(TimeNs t) {
-  const double dt = to_seconds(t - state_.t);
-  if (dt <= 0) return;
-  if (imu_) {
-    step_inertial(imu_->gyro, imu_->accel, dt);
-  } else if (!sensors_.imu && rolled_) {
-    Mat6<double> noise = Mat6<double>::Identity();
-    noise *= square(options_.wheel_noise) * dt;
-    step_twist(twist_, noise, dt, Eigen::Matrix<double, 6, 3>::Zero());
-  } else {
-    state_.T_world_body =
-        state_.T_world_body * SE3d(SO3d(), state_.T_world_body.rotation().inverse() * state_.velocity * dt);
-    loosen(kUnseenSpeed * dt, kUnseenRate * dt, kUnseenSpeed * dt);
+  const TimeNs held = from_seconds(kHeld);
+  if (state_.t < t && imu_holds(state_.t)) {
+    const TimeNs to = std::min(t, imu_->t + held);
+    step_inertial(imu_->gyro, imu_->accel, to_seconds(to - state_.t));
+    state_.t = to;
   }
+  if (state_.t < t && rolled_ && state_.t < *rolled_ + held) {
+    const TimeNs to = std::min(t, *rolled_ + held);
+    const double dt = to_seconds(to - state_.t);
+    const Mat6<double> noise = square(options_.wheel_noise) * dt * Mat6<double>::Identity();
+    step_twist(twist_, noise, dt, Eigen::Matrix<double, 6, 3>::Zero());
+    held_ += dt;
+    state_.t = to;
+  }
+  if (state_.t >= t) return;
+  // Nobody speaks: the pose stays, and what is not known of it grows with the silence, in however many steps.
+  TimeNs heard = state_.t;
+  if (imu_) heard = std::min(heard, imu_->t + held);
+  if (rolled_) heard = imu_ ? std::max(heard, std::min(state_.t, *rolled_ + held)) : *rolled_ + held;
+  const double share = std::sqrt(square(to_seconds(t - heard)) - square(to_seconds(state_.t - heard)));
+  loosen(kUnseenSpeed * share, kUnseenRate * share, kUnseenSpeed * share);
   state_.t = t;
 }
 
@@ -188,11 +204,11 @@ WheelCheck NavigationFilter::add(const WheelSample& sample, bool believe_speeds,
   const Vec3<double> lag = std::exchange(velocity_lag_, Vec3<double>::Zero());
   const Vec3<double> turned = std::exchange(turned_, Vec3<double>::Zero());
   if (!step) return check;
-  rolled_ = true;
+  rolled_ = sample.t;
   const double dt = step->seconds();
   if (!step->measured || dt > options_.max_gap) {
     advance(sample.t);
-    if (!sensors_.imu) loosen(kUnseenSpeed * dt, kUnseenRate * dt, kUnseenSpeed);
+    if (!imu_holds(sample.t)) loosen(kUnseenSpeed * dt, kUnseenRate * dt, kUnseenSpeed);
     return check;
   }
   const WheelGeometry& geometry = sensors_.wheels->geometry;
@@ -213,13 +229,16 @@ WheelCheck NavigationFilter::add(const WheelSample& sample, bool believe_speeds,
   const Mat3<double> R_base_body = T_base_body.rotation().matrix();
   const Vec3<double> p_body_base = sensors_.wheels->T_body_base.translation();
 
-  if (!sensors_.imu) {
-    // The wheels are all there is: they carry the pose on, over the floor as the base sees it.
+  if (!imu_holds(sample.t)) {
+    // The wheels are all there is, or the IMU is silent: they carry the pose on, over the floor as the base
+    // sees it.
     const double forward = 0.5 * (left + right), rate = (right - left) / track;
     const Mat6<double> Ad = sensors_.wheels->T_body_base.adjoint();
     Vec6<double> base_twist = Vec6<double>::Zero();
     base_twist[0] = forward;
     base_twist[5] = rate;
+    const double held = std::exchange(held_, 0.0);
+    if (held > 0) step_twist(-twist_, Mat6<double>::Zero(), held, Eigen::Matrix<double, 6, 3>::Zero());
     twist_ = Ad * base_twist;
     // What the scales do to the motion, and the noise of each speed, counted as independent from sample to
     // sample; tilting stays small.
@@ -237,7 +256,8 @@ WheelCheck NavigationFilter::add(const WheelSample& sample, bool believe_speeds,
     noise(1, 1) = square(options_.lateral_noise);
     noise(2, 2) = square(options_.vertical_noise);
     noise(3, 3) = noise(4, 4) = square(options_.vertical_noise / track);
-    const double since = to_seconds(sample.t - state_.t);
+    // What was held since the sample before is replaced by what this one says of that time.
+    const double since = to_seconds(sample.t - state_.t) + held;
     if (since <= 0) return check;
     if (!believe_speeds) {
       advance(sample.t);
@@ -246,12 +266,17 @@ WheelCheck NavigationFilter::add(const WheelSample& sample, bool believe_speeds,
     }
     step_twist(twist_, Ad * noise * Ad.transpose() * since * dt, since, Ad * J * since);
     state_.velocity = state_.T_world_body.rotation() * twist_.head<3>();
+    if (sensors_.imu) {
+      // What the velocity had to do with the rest is over; an IMU that speaks again begins from this one.
+      P.middleRows<3>(State::kNu).setZero();
+      P.middleCols<3>(State::kNu).setZero();
+      P.diagonal().segment<3>(State::kNu).setConstant(square(kUnseenSpeed));
+    }
     state_.t = sample.t;
     check.used = true;
     check.forward_speed = forward;
     return check;
   }
-  if (!imu_) return check;
   advance(sample.t);
   if (lag_time < 0.5 * dt) {
     check.usable = false;
@@ -280,12 +305,15 @@ WheelCheck NavigationFilter::add(const WheelSample& sample, bool believe_speeds,
   Eigen::Matrix<double, 4, State::kSize> H;
   H.row(0) = row_of(-1.0);
   H.row(1) = row_of(1.0);
-  H(0, State::kWheels) -= left;
-  H(1, State::kWheels + 1) -= right;
+  // By the speeds as predicted: those measured share their noise with the residual, which would bias the
+  // scales.
+  const double left_predicted = v_base.x() - 0.5 * track * yaw_rate;
+  const double right_predicted = v_base.x() + 0.5 * track * yaw_rate;
+  H(0, State::kWheels) -= left_predicted;
+  H(1, State::kWheels + 1) -= right_predicted;
   H.row(2) = H_v.row(1);
   H.row(3) = H_v.row(2);
-  Eigen::Vector4d residual(left - (v_base.x() - 0.5 * track * yaw_rate),
-                           right - (v_base.x() + 0.5 * track * yaw_rate), -v_base.y(), -v_base.z());
+  Eigen::Vector4d residual(left - left_predicted, right - right_predicted, -v_base.y(), -v_base.z());
   // While the base rocks, over a sill say, a wheel's contact runs around its rim, and the base turns about
   // whatever it stands on.
   const double rocking = Vec2<double>((R_base_body * rate).head<2>()).norm();
@@ -344,17 +372,21 @@ void NavigationFilter::correct(const SE3d& T_world_body, const Mat6<double>& cov
   P.bottomLeftCorner<kRest, 6>() = cross.transpose();
   inject(error);
   state_.T_world_body = T_world_body;
+  held_ = 0;
 }
 
 void NavigationFilter::move_world(const SE3d& T_new_old) {
   state_.T_world_body = T_new_old * state_.T_world_body;
   state_.velocity = T_new_old.rotation() * state_.velocity;
-  const Vec3<double> up = T_new_old.rotation() * state_.up;
-  const Eigen::Matrix2d turn = across(up).transpose() * T_new_old.rotation().matrix() * across(state_.up);
+  set_up(T_new_old.rotation() * state_.up, T_new_old.rotation().matrix());
+}
+
+void NavigationFilter::set_up(const Vec3<double>& up, const Mat3<double>& R_new_old) {
+  const Eigen::Matrix2d turn = across(up).transpose() * R_new_old * across(state_.up);
   state_.up = up;
   auto& P = state_.covariance;
-  P.middleRows<2>(State::kUp) = turn * P.middleRows<2>(State::kUp);
-  P.middleCols<2>(State::kUp) = P.middleCols<2>(State::kUp) * turn.transpose();
+  P.middleRows<2>(State::kUp) = (turn * P.middleRows<2>(State::kUp)).eval();
+  P.middleCols<2>(State::kUp) = (P.middleCols<2>(State::kUp) * turn.transpose()).eval();
 }
 
 void NavigationFilter::loosen(double position_sigma, double angle_sigma, double speed_sigma) {
@@ -399,7 +431,11 @@ void NavigationFilter::inject(const Error20& error) {
   state_.T_world_body = state_.T_world_body * SE3d::exp(error.head<6>());
   state_.gyro_bias += error.segment<3>(State::kGyroBias);
   state_.accel_bias += error.segment<3>(State::kAccelBias);
-  state_.up = (state_.up + across(state_.up) * error.segment<2>(State::kUp)).normalized();
+  const Vec3<double> tilt = across(state_.up) * error.segment<2>(State::kUp);
+  const Vec3<double> axis = state_.up.cross(tilt);
+  const Mat3<double> R = SO3d::exp(axis).matrix();
+  // The axes across the new vertical may be others: see across().
+  set_up((R * state_.up).normalized(), R);
   state_.wheel_scales += error.segment<3>(State::kWheels);
 }
 

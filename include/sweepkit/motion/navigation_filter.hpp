@@ -106,7 +106,8 @@ struct WheelCheck {
 
 /// Error-state Kalman filter over pose, velocity, both biases of the IMU, the vertical, and the wheels' radii
 /// and track width. The IMU carries the state on (closed form over each interval, mean of its two samples);
-/// wheels, standstill and vision correct it. Without an IMU the wheels carry the pose on. All errors live in
+/// wheels, standstill and vision correct it. Without an IMU, or while it is silent, the wheels carry the pose
+/// on. All errors live in
 /// the body's axes, as on SE_2(3): Sola, Quaternion kinematics for the error-state Kalman filter, 2017;
 /// Barrau and Bonnabel, The invariant extended Kalman filter as a stable observer, 2017.
 ///
@@ -132,7 +133,8 @@ class NavigationFilter {
   WheelCheck add(const WheelSample& sample, bool believe_speeds = true, bool on_floor = true);
   /// The robot stood still for the last `seconds`, over which the gyro read this on average.
   void stand_still(const Vec3<double>& mean_gyro, double seconds);
-  /// Carries the state on to an instant not before the last sample, as the last samples say.
+  /// Carries the state on to an instant not before the last sample, as the last samples say; 0.1 s after them
+  /// nothing is concluded: the pose stays and its covariance grows.
   void advance(TimeNs t);
   /// The pose after looking, found with state() as prior. @param covariance of a right perturbation
   void correct(const SE3d& T_world_body, const Mat6<double>& covariance);
@@ -157,6 +159,8 @@ class NavigationFilter {
   void update(const Eigen::Matrix<double, Rows, NavigationState::kSize>& H,
               const Eigen::Matrix<double, Rows, 1>& residual, const Eigen::Matrix<double, Rows, 1>& variance);
   void inject(const Eigen::Matrix<double, NavigationState::kSize, 1>& error);
+  void set_up(const Vec3<double>& up, const Mat3<double>& R_new_old);
+  bool imu_holds(TimeNs t) const;
 
   MotionSensors sensors_;
   NavigationOptions options_;
@@ -164,8 +168,9 @@ class NavigationFilter {
   NavigationState state_;
   std::optional<ImuSample> imu_;  // the last one
   std::optional<WheelDecoder> decoder_;
-  bool rolled_ = false;                        // there was a step of the wheels
+  std::optional<TimeNs> rolled_;               // end of the last step of the wheels
   Vec6<double> twist_ = Vec6<double>::Zero();  // of the wheels, without an IMU
+  double held_ = 0.0;                          // how long twist_ carried the pose since then [s]
   // Since the last wheel sample: integrals of body velocity minus its value now, and of the angular rate.
   Vec3<double> velocity_lag_ = Vec3<double>::Zero();
   Vec3<double> turned_ = Vec3<double>::Zero();
