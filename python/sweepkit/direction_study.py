@@ -5,17 +5,19 @@
 import typing
 
 import numpy as np
+import numpy.typing
 
 from .direction import MainDirectionOptions, window_directions
 
 
-def wrap_quarter_turn(angle):
+def wrap_quarter_turn(angle: numpy.typing.ArrayLike) -> typing.Any:
     """Angles modulo 90 degrees in [-45, 45) degrees [rad]."""
     quarter = np.pi / 2
     return (np.asarray(angle) + quarter / 2) % quarter - quarter / 2
 
 
-def study(frames: typing.Sequence[np.ndarray], truth: typing.Sequence[typing.Callable[[int], float]],
+def study(frames: typing.Sequence[numpy.typing.NDArray[typing.Any]],
+          truth: typing.Sequence[typing.Optional[typing.Callable[[int], float]]],
           thresholds: typing.Sequence[float] = tuple(np.arange(0.0, 1.01, 0.1)),
           windows: typing.Sequence[int] = (20, 50, 100), starts: int = 100, right: float = 2.0, seed: int = 1,
           options: typing.Optional[MainDirectionOptions] = None) -> typing.List[typing.Dict[str, float]]:
@@ -42,12 +44,12 @@ def study(frames: typing.Sequence[np.ndarray], truth: typing.Sequence[typing.Cal
                 if answer is None:
                     continue
                 seconds.append((answer.window_end - answer.run_begin) * 1e-9)
-                true = truth[k](answer.window_begin) if truth[k] is not None else None
-                errors.append(90.0 if true is None else abs(np.degrees(wrap_quarter_turn(answer.angle - true))))
-            errors = np.asarray(errors)
+                angle = truth[k]
+                errors.append(90.0 if angle is None else
+                              abs(float(np.degrees(wrap_quarter_turn(answer.angle - angle(answer.window_begin))))))
             rows.append({
                 "threshold": float(threshold), "window": int(window), "runs": starts, "answered": len(errors) / starts,
-                "right": float(np.mean(errors <= right)) if len(errors) else float("nan"),
+                "right": float(np.mean(np.asarray(errors) <= right)) if len(errors) else float("nan"),
                 "error_deg": float(np.mean(errors)) if len(errors) else float("nan"),
                 "seconds": float(np.mean(seconds)) if seconds else float("nan"),
             })
