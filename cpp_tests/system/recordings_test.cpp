@@ -19,7 +19,7 @@ struct Outcome {
 };
 
 // Nothing, and a visible note, where there are no recordings.
-std::optional<Outcome> run(const std::string& name, double seconds) {
+std::optional<Outcome> run(const std::string& name, double seconds, bool cameras_alone = true) {
   const char* data = std::getenv("SWEEPKIT_DATA");
   if (!data) {
     WARN("skipped: SWEEPKIT_DATA is not set");
@@ -30,6 +30,7 @@ std::optional<Outcome> run(const std::string& name, double seconds) {
   options.data_path = (std::filesystem::path(data) / name).string();
   options.save_path = (folder / "out").string();
   options.recording.duration = seconds;
+  options.recording.use_imu = options.recording.use_wheels = !cameras_alone;
   Outcome outcome;
   outcome.result = run_recording(options);
   const Trajectory truth = read_trajectory(options.data_path);
@@ -70,4 +71,23 @@ TEST_CASE("sweephome dev01, the first 10 s", "[recording]") {
   CHECK(outcome->result.counts.images_lost == 0);
   CHECK(outcome->live.ape_m.rmse < 0.015);
   CHECK(outcome->first.rotation_deg.max < 1.0);
+}
+
+TEST_CASE("sweephome dev01 with IMU and wheels", "[recording]") {
+  const auto outcome = run("sweephome/dev01", 0, false);
+  if (!outcome) return;
+  CHECK(outcome->result.counts.images_lost == 0);
+  CHECK(outcome->live.ape_m.rmse < 0.008);
+}
+
+TEST_CASE("sweephome dev02: dark for five seconds, slip, a person", "[recording]") {
+  const auto outcome = run("sweephome/dev02", 0, false);
+  if (!outcome) return;
+  CHECK(outcome->live.ape_m.rmse < 0.018);
+}
+
+TEST_CASE("sweephome dev03: a bare wall, and carried through the air", "[recording]") {
+  const auto outcome = run("sweephome/dev03", 0, false);
+  if (!outcome) return;
+  CHECK(outcome->live.ape_m.rmse < 0.020);
 }

@@ -5,7 +5,8 @@
 
     accuracy.py [--bin DIR] [--out DIR] [PART...]
 
-Parts: stereo (one run for each recording, in line), gyro (a standing recording's rotation and its truth's, both against
+Parts: stereo (one run for each recording by cameras alone, in line), motion (the same with IMU and wheels, and what
+is known of motion at the end), gyro (a standing recording's rotation and its truth's, both against
 the gyro), pairs (motion between two images alone), repeat (two runs, the same files), realtime (in line and at sensor
 time on one core, side by side). All of them without any. The recordings lie
 below the folder that SWEEPKIT_DATA names.
@@ -31,6 +32,14 @@ RUNS = [
     ("sweephome dev01", "sweephome/dev01", [], {"lost_percent": 3, "live_mm": 50, "memory_mb": 120}),
     ("sweephome dev02 to 18 s", "sweephome/dev02", ["--duration", "18"], {"live_mm": 15}),
     ("sweephome dev03 to 12 s", "sweephome/dev03", ["--duration", "12"], {"live_mm": 15}),
+]
+CAMERAS_ALONE = ["--set", "recording.use_imu=false", "--set", "recording.use_wheels=false"]
+MOTION_RUNS = [
+    ("sweephome dev01", "sweephome/dev01", [], {"live_mm": 8}),
+    ("sweephome dev02", "sweephome/dev02", [], {"live_mm": 18}),
+    ("sweephome dev03 to 39 s", "sweephome/dev03", ["--duration", "39"], {"live_mm": 7}),
+    ("sweephome dev03", "sweephome/dev03", [], {"live_mm": 20}),
+    ("EuRoC V1_01, still", "euroc_still", [], {"live_mm": 0.7}),
 ]
 COLUMNS = [  # key, head, format
     ("frames", "frames", "{:.0f}"), ("lost", "lost", "{:.0f}"), ("lost_percent", "lost %", "{:.1f}"),
@@ -84,17 +93,29 @@ def table(rows):
         print(f"{name:<{width}}" + "".join(f"{cell:>10}" for cell in cells))
 
 
-def stereo(programs, data, out):
-    print("\nStereo alone, every frame in its turn. live, opt.: ATE, rms after an SE(3) alignment;\nrot. [deg], rms: after the one rotation that fits best, and with the first pose aligned; per cent: first pose\naligned, and the end also after the SE(3) alignment.")
+def runs(programs, data, out, which, front):
     rows, missed = [], []
-    for name, folder, arguments, bounds in RUNS:
-        place = out / folder.replace("/", "_")
-        row = figures(programs, data / folder, ["--set", "recording.use_wheels=false", *arguments], place)
+    for name, folder, arguments, bounds in which:
+        place = out / name.replace(" ", "_").replace(",", "")
+        row = figures(programs, data / folder, [*front, *arguments], place)
         rows.append((name, row))
         missed += [f"{name}: {key} {row[key]:.4g}, at most {bound:g} was asked" for key, bound in bounds.items()
                    if row[key] is None or row[key] > bound]
     table(rows)
     return missed
+
+
+def motion(programs, data, out):
+    print("\nWith IMU and wheels, every frame in its turn; columns as for stereo alone.")
+    missed = runs(programs, data, out / "motion", MOTION_RUNS, [])
+    print(run([programs / "motion_accuracy", *(data / folder for folder in
+                                               ("sweephome/dev01", "sweephome/dev02", "sweephome/dev03", "euroc_still"))]))
+    return missed
+
+
+def stereo(programs, data, out):
+    print("\nStereo alone, every frame in its turn. live, opt.: ATE, rms after an SE(3) alignment;\nrot. [deg], rms: after the one rotation that fits best, and with the first pose aligned; per cent: first pose\naligned, and the end also after the SE(3) alignment.")
+    return runs(programs, data, out / "stereo", RUNS, CAMERAS_ALONE)
 
 
 def rotation_vectors(quaternions):
@@ -111,7 +132,7 @@ def gyro(programs, data, out):
     print("\nEuRoC V1_01, still: rotation against the integral of the gyro, whose constant bias is fitted, rms [deg]:")
     folder = data / "euroc_still" / "mav0"
     place = out / "gyro"
-    run([programs / "sweeper_robot", "--data", data / "euroc_still", "--out", place])
+    run([programs / "sweeper_robot", "--data", data / "euroc_still", "--out", place, *CAMERAS_ALONE])
     estimate = np.loadtxt(place / "trajectory_live.tum")
     truth = np.loadtxt(folder / "state_groundtruth_estimate0" / "data.csv", delimiter=",", comments="#")
     imu = np.loadtxt(folder / "imu0" / "data.csv", delimiter=",", comments="#")
@@ -168,7 +189,7 @@ def realtime(programs, data, out):
 
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parts = {"stereo": stereo, "gyro": gyro, "pairs": pairs, "repeat": repeat, "realtime": realtime}
+    parts = {"stereo": stereo, "motion": motion, "gyro": gyro, "pairs": pairs, "repeat": repeat, "realtime": realtime}
     parser.add_argument("--bin", type=pathlib.Path, default=ROOT / "build/release/bin", help="where the programs are")
     parser.add_argument("--out", type=pathlib.Path, help="keep the results of the runs here")
     parser.add_argument("parts", nargs="*", metavar="PART", help=", ".join(parts))

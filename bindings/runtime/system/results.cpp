@@ -5,9 +5,11 @@
 #include <fmt/format.h>
 
 #include <bit>
+#include <cmath>
 #include <cstring>
 #include <fstream>
 #include <nlohmann/json.hpp>
+#include <numbers>
 #include <utility>
 
 #include "sweepkit/core/memory.hpp"
@@ -63,6 +65,36 @@ Json to_json(const StageTimes& times) {
           {"p95_ms", times.p95_ms},
           {"max_ms", times.max_ms},
           {"count", times.count}};
+}
+
+constexpr double kDegrees = 180 / std::numbers::pi;
+
+Json direction_json(const Sweeper& sweeper) {
+  const auto found = sweeper.main_direction();
+  if (!found) return nullptr;
+  return {{"angle_deg", found->run_angle * kDegrees},
+          {"confidence", found->confidence},
+          {"window_begin", to_seconds(found->window_begin)},
+          {"window_angle_deg", found->angle * kDegrees}};
+}
+
+// What was known of the sensors that do not see, at the last image.
+Json motion_json(const Sweeper& sweeper) {
+  const auto state = sweeper.navigation();
+  if (!state) return nullptr;
+  using Place = NavigationState::Place;
+  const auto sigma = [&](int place) { return std::sqrt(state->covariance(place, place)); };
+  const auto list = [](const Vec3<double>& v) { return Json::array({v.x(), v.y(), v.z()}); };
+  const Vec3<double> scales = state->wheel_scales.array().exp();
+  return {{"gyro_bias_deg_s", list(state->gyro_bias * kDegrees)},
+          {"accel_bias_m_s2", list(state->accel_bias)},
+          {"up", list(state->up)},
+          {"up_sigma_deg", std::hypot(sigma(Place::kUp), sigma(Place::kUp + 1)) * kDegrees},
+          {"wheel_radius_left_over_nominal", scales[0]},
+          {"wheel_radius_right_over_nominal", scales[1]},
+          {"track_width_over_nominal", scales[2]},
+          {"wheel_sigmas",
+           Json::array({sigma(Place::kWheels), sigma(Place::kWheels + 1), sigma(Place::kWheels + 2)})}};
 }
 
 }  // namespace
@@ -179,6 +211,8 @@ std::string summary_json(const Sweeper& sweeper, const RunRecord& record) {
       {"keyframes_made", counts.keyframes_made},
       {"points", map.point_count()},
       {"path_m", path_length(optimized_trajectory(sweeper))},
+      {"main_direction", direction_json(sweeper)},
+      {"motion", motion_json(sweeper)},
       {"seconds", record.seconds},
       {"peak_memory_mb", peak_memory_mb()},
       {"stages", stages},

@@ -11,6 +11,7 @@
 #include <exception>
 #include <limits>
 #include <mutex>
+#include <numbers>
 #include <string>
 #include <thread>
 #include <tuple>
@@ -54,6 +55,13 @@ class Sweeper::Impl {
         mapper_(rectified_camera(rig), rig.bounds(), levels(), options.mapper),
         bridge_(sensors, options.odometry),
         live_(bridge_.filter()) {
+    if (sensors.imu && options_.main_direction.enabled)
+      direction_search_.emplace(
+          DirectionSearch{MainDirectionEstimator(rig, options_.main_direction.direction),
+                          SegmentDetector(options_.main_direction.segments),
+                          {},
+                          {},
+                          std::nullopt});
     if (options_.realtime) {
       tracking_thread_ = std::thread([this] { run_tracking(); });
       mapping_thread_ = std::thread([this] { run_mapping(); });
@@ -151,6 +159,8 @@ class Sweeper::Impl {
     queue_changed_.notify_all();
     if (mapping_thread_.joinable()) mapping_thread_.join();
     take_local_map();  // the last keyframe's, so that its image follows it
+    if (direction_search_ && last_image_ != kNever)
+      tell(Event(last_image_, "main_direction").with("found", false));
     if (last_image_ != kNever) tell(Event(last_image_, "stopped").with("images", counts().images));
   }
 
@@ -207,6 +217,10 @@ class Sweeper::Impl {
   std::optional<NavigationState> navigation() const {
     const std::scoped_lock lock(state_mutex_);
     return navigation_;
+  }
+  std::optional<MainDirection> main_direction() const {
+    const std::scoped_lock lock(state_mutex_);
+    return main_direction_;
   }
 
  private:
@@ -329,6 +343,7 @@ class Sweeper::Impl {
     }
     record(tracked);
     restart_live();
+    if (direction_search_ && !image.left.empty() && !image.right.empty()) search_direction(image, tracked);
     {
       const std::scoped_lock lock(state_mutex_);
       ++counts_.images;
@@ -427,6 +442,36 @@ class Sweeper::Impl {
       tracked.covariance += drift(tracked.T_map_body);
     }
     return tracked;
+  }
+
+  // After the frame path: it costs an image some milliseconds until the direction is known.
+  void search_direction(const StereoImage& image, const TrackedImage& tracked) {
+    DirectionSearch& search = *direction_search_;
+    const auto scope = clock_.time(Stage::lines);
+    if (!search.begun) search.begun = image.t;
+    search.detector.detect(image.left.view, search.left);
+    search.detector.detect(image.right.view, search.right);
+    // Upright even where the map is not quite.
+    const Vec3<double>& up = bridge_.filter().state().up;
+    const SO3d R_level_map(Eigen::Quaterniond::FromTwoVectors(up, Vec3<double>::UnitZ()));
+    const auto found =
+        search.estimator.add(image.t, search.left, search.right, R_level_map * tracked.T_map_body.rotation());
+    if (found) {
+      constexpr double kDegrees = 180 / std::numbers::pi;
+      tell(Event(image.t, "main_direction")
+               .with("found", true)
+               .with("angle_deg", found->run_angle * kDegrees)
+               .with("confidence", found->confidence)
+               .with("window_begin", to_seconds(found->window_begin))
+               .with("window_angle_deg", found->angle * kDegrees));
+      const std::scoped_lock lock(state_mutex_);
+      main_direction_ = found;
+    } else if (to_seconds(image.t - *search.begun) > options_.main_direction.give_up_after) {
+      tell(Event(image.t, "main_direction").with("found", false));
+    } else {
+      return;
+    }
+    direction_search_.reset();
   }
 
   void tell_darkness(const StereoImage& image) {
@@ -596,6 +641,13 @@ class Sweeper::Impl {
   bool restarted_ = false;  // since it was lost vision has started again at the last pose
 
   std::shared_ptr<const LocalMap> local_map_;  // the tracker's
+  struct DirectionSearch {
+    MainDirectionEstimator estimator;
+    SegmentDetector detector;
+    std::vector<LineSegment> left, right;
+    std::optional<TimeNs> begun;
+  };
+  std::optional<DirectionSearch> direction_search_;  // until it is found, or given up
   bool dark_ = false;
   bool moved_before_ = false;  // there was a keyframe from which odometry counts
 
@@ -628,6 +680,7 @@ class Sweeper::Impl {
   SE3d live_T_odom_map_;
   Mat6<double> live_drift_ = Mat6<double>::Zero();
   std::optional<NavigationState> navigation_;
+  std::optional<MainDirection> main_direction_;
   std::condition_variable samples_came_;
 
   std::thread tracking_thread_, mapping_thread_;
@@ -655,5 +708,6 @@ SE3d Sweeper::optimized_pose(const TrackedImage& image) const { return impl_->op
 const StageClock& Sweeper::stage_clock() const { return impl_->stage_clock(); }
 const Map& Sweeper::map() const { return impl_->map(); }
 std::optional<NavigationState> Sweeper::navigation() const { return impl_->navigation(); }
+std::optional<MainDirection> Sweeper::main_direction() const { return impl_->main_direction(); }
 
 }  // namespace sweepkit

@@ -20,7 +20,7 @@ struct NavigationOptions {
   double accel_bias_sigma = 0.15;
   double start_speed_sigma = 0.2;
   double start_accel_sigma = 0.1;
-  double up_walk = 0.01;
+  double up_walk = 0.04;
   double wheel_noise = 0.008;
   double wheel_noise_share = 0.03;
   double lateral_noise = 0.015;

@@ -13,6 +13,8 @@
 #include "sweepkit/core/sample.hpp"
 #include "sweepkit/core/stage_clock.hpp"
 #include "sweepkit/data/source.hpp"
+#include "sweepkit/direction/main_direction.hpp"
+#include "sweepkit/feature/segments.hpp"
 #include "sweepkit/geometry/stereo_rig.hpp"
 #include "sweepkit/map/map.hpp"
 #include "sweepkit/slam/frontend.hpp"
@@ -44,6 +46,22 @@ struct BodyPose {
   PoseBasis basis = PoseBasis::guess;
 };
 
+/// The search for the room's main direction at the start of a run. It needs an IMU, which knows what is up.
+struct MainDirectionSearchOptions {
+  bool enabled = true;
+  double give_up_after = 60;
+  MainDirectionOptions direction;
+  SegmentOptions segments;
+
+  template <class Visitor>
+  void visit_options(Visitor& v) {
+    v(enabled, "enabled", "", any_value(), "look for the main direction from the first image on");
+    v(give_up_after, "give_up_after", "s", range(0, 1e6), "no longer than this: some rooms have none");
+    v.group(direction, "direction", "the main direction");
+    v.group(segments, "segments", "line segments in the images");
+  }
+};
+
 /// What the whole system may be told.
 struct SweeperOptions {
   bool realtime = false;
@@ -56,6 +74,7 @@ struct SweeperOptions {
   TrackerOptions tracker;
   LocalMapperOptions mapper;
   OdometryBridgeOptions odometry;
+  MainDirectionSearchOptions main_direction;
 
   template <class Visitor>
   void visit_options(Visitor& v) {
@@ -75,6 +94,7 @@ struct SweeperOptions {
     v.group(tracker, "tracker", "the pose of each frame");
     v.group(mapper, "mapper", "the map");
     v.group(odometry, "odometry", "wheels and IMU");
+    v.group(main_direction, "main_direction", "the room's main direction, at the start");
   }
 };
 
@@ -163,6 +183,8 @@ class Sweeper {
   /// What is known of motion as of the last image: velocity, biases, the vertical, the wheels; nothing
   /// without IMU and wheels or before the first image. Thread-safe.
   std::optional<NavigationState> navigation() const;
+  /// The room's main direction, once it is found. Thread-safe.
+  std::optional<MainDirection> main_direction() const;
 
  private:
   class Impl;
