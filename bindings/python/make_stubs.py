@@ -49,6 +49,7 @@ class Module:
             "numpy.ndarray[") else text
         for name, good in (("List", "list"), ("Dict", "dict"), ("Tuple", "tuple"), ("Set", "set")):
             text = re.sub(rf"\b{name}\b(?=\[)", good, text)
+        text = re.sub(r"\[([\w.]+)\[\d+\]\]", r"[\1]", text)  # a std::array, whose length types cannot tell
         for name in ("Optional", "Union", "Callable", "Iterator", "Iterable"):
             text = re.sub(rf"(?<![\w.]){name}\b", f"typing.{name}", text)
         if "numpy.ndarray[" in text:  # within another type
