@@ -22,6 +22,8 @@ constexpr double kUnseenSpeed = 0.3;
 constexpr double kUnseenRate = 1.0;
 // How long the last sample of a sensor holds when no other follows [s].
 constexpr double kHeld = 0.1;
+// Wheels are never as far from their nominal measures.
+constexpr double kMostSigmas = 5;
 
 double square(double x) { return x * x; }
 
@@ -436,7 +438,10 @@ void NavigationFilter::inject(const Error20& error) {
   const Mat3<double> R = SO3d::exp(axis).matrix();
   // The axes across the new vertical may be others: see across().
   set_up((R * state_.up).normalized(), R);
-  state_.wheel_scales += error.segment<3>(State::kWheels);
+  const Vec3<double> most =
+      kMostSigmas * Vec3<double>(options_.radius_sigma, options_.radius_sigma, options_.track_sigma);
+  state_.wheel_scales =
+      (state_.wheel_scales + error.segment<3>(State::kWheels)).cwiseMax(-most).cwiseMin(most);
 }
 
 }  // namespace sweepkit

@@ -64,8 +64,12 @@ SE3d OdometryBridge::start(TimeNs t) {
   return T_world_body;
 }
 
-void OdometryBridge::add(const ImuSample& sample) {
+void OdometryBridge::add(const ImuSample& read) {
   if (!sensors_.imu) return;
+  const double most_rate = options_.gyro_range * kDegree, most_force = options_.accel_range;
+  ImuSample sample = read;
+  sample.gyro = read.gyro.cwiseMax(-most_rate).cwiseMin(most_rate);
+  sample.accel = read.accel.cwiseMax(-most_force).cwiseMin(most_force);
   if (edges_) edges_->add(sample);
   if (!filter_.started()) {
     early_.push_back(sample);
@@ -76,11 +80,11 @@ void OdometryBridge::add(const ImuSample& sample) {
     events_.push_back(Event(sample.t, "sensor_gap")
                           .with("sensor", "imu")
                           .with("seconds", to_seconds(sample.t - *last_imu_)));
-  const bool cut = sample.gyro.cwiseAbs().maxCoeff() >= options_.gyro_range * kDegree ||
-                   sample.accel.cwiseAbs().maxCoeff() >= options_.accel_range;
+  const bool cut =
+      sample.gyro.cwiseAbs().maxCoeff() >= most_rate || sample.accel.cwiseAbs().maxCoeff() >= most_force;
   if (cut && last_imu_) {
     const double dt = to_seconds(sample.t - *last_imu_);
-    filter_.loosen(0, options_.gyro_range * kDegree * dt * 0.1, options_.accel_range * dt);
+    filter_.loosen(0, most_rate * dt * 0.1, most_force * dt);
   }
   last_imu_ = sample.t;
   standstill_->add(sample);
