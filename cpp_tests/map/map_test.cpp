@@ -3,7 +3,10 @@
 #include "sweepkit/map/map.hpp"
 
 #include <catch2/catch.hpp>
+#include <cmath>
 #include <cstdint>
+#include <string>
+#include <vector>
 
 #include "sweepkit/core/error.hpp"
 
@@ -137,4 +140,111 @@ TEST_CASE("a removed keyframe keeps its place beside its parent") {
   const SE3d T_shift = SE3d::exp((Vec6<double>() << 5, 0, 0, 0, 0, 1).finished());
   map.set_pose(a, map.T_camera_world(a) * T_shift);
   CHECK((map.T_camera_world(c).matrix() - (T_c_world * T_shift).matrix()).norm() < 1e-12);
+}
+
+TEST_CASE("odometry of a removed keyframe joins what it stood between") {
+  Map map;
+  const MapId id = map.add_map();
+  const auto edge = [](KeyframeId from, int seed) {
+    Vec6<double> xi;
+    Mat6<double> A;
+    for (int i = 0; i < 6; ++i) xi[i] = 0.3 * std::sin(1.7 * seed + i);
+    for (int i = 0; i < 36; ++i) A(i) = 0.01 * std::cos(2.3 * seed + i);
+    return OdometryEdge{from, {SE3d::exp(xi), A * A.transpose() + 1e-5 * Mat6<double>::Identity()}};
+  };
+  std::vector<KeyframeId> ids;
+  for (int k = 0; k < 4; ++k) {
+    Keyframe keyframe = blank_keyframe(id, k > 0 ? ids.back() : KeyframeId{});
+    if (k > 0) keyframe.odometry = edge(ids.back(), k);
+    ids.push_back(map.add_keyframe(keyframe));
+  }
+  map.remove_keyframe(ids[1]);
+  CHECK(!map.broken_invariant());
+  map.remove_keyframe(ids[2]);
+  CHECK(!map.broken_invariant());
+  REQUIRE(map.keyframe(ids[3]).odometry);
+  const OdometryEdge joined = *map.keyframe(ids[3]).odometry;
+  CHECK(joined.from == ids[0]);
+
+  // T = A Exp(a) B Exp(b) C Exp(c): the errors carried to the end by central differences.
+  const UncertainMotion<double> A = edge(ids[0], 1).motion, B = edge(ids[1], 2).motion,
+                                C = edge(ids[2], 3).motion;
+  const SE3d T = A.T * B.T * C.T;
+  CHECK((joined.motion.T.matrix() - T.matrix()).norm() < 1e-12);
+  Mat6<double> J_a, J_b;
+  constexpr double h = 1e-6;
+  for (int i = 0; i < 6; ++i) {
+    const Vec6<double> d = h * Vec6<double>::Unit(i);
+    const auto end = [&](const SE3d& moved) { return Vec6<double>((T.inverse() * moved).log()); };
+    J_a.col(i) = (end(A.T * SE3d::exp(d) * B.T * C.T) - end(A.T * SE3d::exp(-d) * B.T * C.T)) / (2 * h);
+    J_b.col(i) = (end(A.T * B.T * SE3d::exp(d) * C.T) - end(A.T * B.T * SE3d::exp(-d) * C.T)) / (2 * h);
+  }
+  const Mat6<double> expected =
+      J_a * A.covariance * J_a.transpose() + J_b * B.covariance * J_b.transpose() + C.covariance;
+  CHECK((joined.motion.covariance - expected).norm() < 1e-7 * expected.norm());
+}
+
+TEST_CASE("odometry ends where a removed keyframe had none") {
+  Map map;
+  const MapId id = map.add_map();
+  const KeyframeId a = map.add_keyframe(blank_keyframe(id, {}));
+  const KeyframeId b = map.add_keyframe(blank_keyframe(id, a));  // no odometry came with it
+  Keyframe next = blank_keyframe(id, b);
+  next.odometry = OdometryEdge{b, {SE3d(), Mat6<double>::Identity()}};
+  const KeyframeId c = map.add_keyframe(next);
+  map.remove_keyframe(b);
+  CHECK(!map.keyframe(c).odometry);
+  CHECK(!map.broken_invariant());
+}
+
+TEST_CASE("blind keyframes hang on odometry alone") {
+  Map map;
+  const MapId id = map.add_map();
+  const KeyframeId a = map.add_keyframe(blank_keyframe(id, {}));
+  const PointId p = map.add_point({0, 0, 1}, a, 0);
+  Keyframe blind;
+  blind.map = id;
+  blind.parent = a;
+  blind.odometry = OdometryEdge{a, {SE3d::exp(Vec6<double>::Constant(0.1)), Mat6<double>::Identity()}};
+  const KeyframeId b = map.add_keyframe(blind);
+  CHECK(map.keyframe(b).blind());
+  CHECK_FALSE(map.keyframe(a).blind());
+  CHECK_THROWS_AS(map.add_observation(p, b, 0), Error);
+  CHECK_THROWS_AS(map.add_point({0, 0, 1}, b, 0), Error);
+  CHECK(map.shared_points(a, b) == 0);
+  CHECK(!map.broken_invariant());
+  map.shift_disparities(0.3);
+  Keyframe next = blank_keyframe(id, b);
+  next.odometry = OdometryEdge{b, {SE3d(), Mat6<double>::Identity()}};
+  const KeyframeId c = map.add_keyframe(next);
+  map.remove_keyframe(b);
+  CHECK(!map.broken_invariant());
+  CHECK(map.keyframe(c).odometry->from == a);
+  CHECK(map.keyframe(c).parent == a);
+}
+
+TEST_CASE("odometry that comes from nowhere or from another map is a broken invariant or an error") {
+  const auto broken = [](Map& map, const Keyframe& keyframe) {
+    try {
+      map.add_keyframe(keyframe);
+    } catch (const Error&) {
+      return true;
+    }
+    const auto text = map.broken_invariant();
+    return text && text->find("odometry") != std::string::npos;
+  };
+  {
+    Map map;
+    const MapId id = map.add_map();
+    const KeyframeId a = map.add_keyframe(blank_keyframe(id, {}));
+    Keyframe keyframe = blank_keyframe(id, a);
+    keyframe.odometry = OdometryEdge{KeyframeId{9}, {}};
+    CHECK(broken(map, keyframe));
+  }
+  Map map;
+  const MapId one = map.add_map(), other = map.add_map();
+  const KeyframeId a = map.add_keyframe(blank_keyframe(one, {}));
+  Keyframe keyframe = blank_keyframe(other, {});
+  keyframe.odometry = OdometryEdge{a, {}};
+  CHECK(broken(map, keyframe));
 }
