@@ -419,3 +419,101 @@ TEST_CASE("without motion a bias of disparities stays what it was thought to be"
   REQUIRE(solve_bundle(kCamera, problem, {}).usable);
   CHECK(problem.disparity_bias == Approx(0.05).margin(1e-3));
 }
+
+TEST_CASE("a relative pose that contradicts what is seen is left out", "[solve]") {
+  Random random(81);
+  const BundleProblem truth = make_truth(random, 6, 150, 0.5);
+  BundleProblem plain = disturb(truth, random, 0.01, 0.02), slipped = plain;
+  BundleOptions options;
+  options.robust_iterations = options.iterations = 20;
+  for (int k = 0; k < 5; ++k) {
+    const auto i = static_cast<std::size_t>(k);
+    const SE3d T_a_b = truth.T_camera_world[i] * truth.T_camera_world[i + 1].inverse();
+    RelativePose relative{k, k + 1, T_a_b * SE3d::exp(draw(random, 2e-3, 1e-3)), Mat6<double>::Zero()};
+    relative.information.diagonal() << 2.5e5, 2.5e5, 2.5e5, 1e6, 1e6, 1e6;
+    plain.relative_poses.push_back(relative);
+    // Wheels slipped by 15 cm between the third and the fourth.
+    if (k == 2) relative.T_a_b = relative.T_a_b * SE3d::exp(0.15 * Vec6<double>::Unit(2));
+    slipped.relative_poses.push_back(relative);
+  }
+  const BundleResult of_plain = solve_bundle(kCamera, plain, options);
+  const BundleResult of_slipped = solve_bundle(kCamera, slipped, options);
+  REQUIRE((of_plain.usable && of_slipped.usable));
+  CHECK(of_plain.relative_outliers == 0);
+  CHECK(of_slipped.relative_outliers == 1);
+  // As if it had not been there.
+  BundleProblem without = slipped;
+  without.relative_poses.erase(without.relative_poses.begin() + 2);
+  solve_bundle(kCamera, without, options);
+  CHECK(worst_pose(slipped, without) < 1e-3);
+  CHECK(worst_pose(slipped, truth) < worst_pose(plain, truth) + 5e-3);
+}
+
+TEST_CASE("what is known of a common error of disparities is what a dense solution says", "[solve]") {
+  Random random(91);
+  for (const bool tied : {false, true}) {
+    CAPTURE(tied);
+    const BundleProblem truth = make_truth(random, 4, 25, 0.05);
+    BundleProblem problem = truth;
+    if (tied)
+      for (int k = 0; k < 3; ++k) {
+        const auto i = static_cast<std::size_t>(k);
+        RelativePose relative{k, k + 1, truth.T_camera_world[i] * truth.T_camera_world[i + 1].inverse(), {}};
+        relative.information = 1e5 * Mat6<double>::Identity();
+        problem.relative_poses.push_back(relative);
+      }
+    problem.disparity_bias_sigma = 0.5;
+    BundleOptions options;
+    options.robust_iterations = options.iterations = 30;
+    options.gate = 100;
+    options.function_tolerance = 1e-12;
+    const BundleResult result = solve_bundle(kCamera, problem, options);
+    REQUIRE(result.usable);
+    REQUIRE(result.outliers == 0);
+    REQUIRE(result.unused == 0);
+
+    // All unknowns in one: poses 1..3, points, bias. Jacobian of the weighted residuals by central
+    // differences of the projection.
+    const int poses = 3, points = static_cast<int>(problem.points.size());
+    const int n = 6 * poses + 3 * points + 1;
+    const auto residuals = [&](const Eigen::VectorXd& x) {
+      std::vector<double> e;
+      std::vector<SE3d> T = problem.T_camera_world;
+      for (int k = 0; k < poses; ++k) {
+        const auto i = static_cast<std::size_t>(k + 1);
+        T[i] = SE3d::exp(Vec6<double>(x.segment<6>(6 * k))) * T[i];
+      }
+      for (const BundleObservation& o : problem.observations) {
+        const Vec3<double> p =
+            problem.points[static_cast<std::size_t>(o.point)] + x.segment<3>(6 * poses + 3 * o.point);
+        const auto uvr = *kCamera.project_stereo(T[static_cast<std::size_t>(o.pose)] * p);
+        e.push_back((uvr[0] - o.u) / o.sigma);
+        e.push_back((uvr[1] - o.v) / o.sigma);
+        if (o.u_right >= 0)
+          e.push_back((uvr[0] - uvr[2] + problem.disparity_bias + x[n - 1] - (o.u - o.u_right)) /
+                      o.sigma_disparity);
+      }
+      for (const RelativePose& r : problem.relative_poses) {
+        const Vec6<double> d =
+            relative_pose_error(T[static_cast<std::size_t>(r.a)], T[static_cast<std::size_t>(r.b)], r.T_a_b);
+        for (int k = 0; k < 6; ++k) e.push_back(std::sqrt(r.information(k, k)) * d[k]);
+      }
+      return Eigen::VectorXd(Eigen::Map<Eigen::VectorXd>(e.data(), static_cast<Eigen::Index>(e.size())));
+    };
+    const Eigen::Index m = residuals(Eigen::VectorXd::Zero(n)).size();
+    Eigen::MatrixXd J(m, n);
+    constexpr double h = 1e-5;
+    for (int k = 0; k < n; ++k) {
+      Eigen::VectorXd x = Eigen::VectorXd::Zero(n);
+      x[k] = h;
+      const Eigen::VectorXd ahead = residuals(x);
+      x[k] = -h;
+      J.col(k) = (ahead - residuals(x)) / (2 * h);
+    }
+    const Eigen::MatrixXd H = J.transpose() * J;
+    // What is left of the bias's information when all others are unknown: one over its variance.
+    const double expected = 1.0 / H.inverse()(n - 1, n - 1);
+    CHECK(expected > 0);
+    CHECK(result.disparity_bias_information == Approx(expected).epsilon(1e-3));
+  }
+}
