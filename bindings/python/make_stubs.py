@@ -35,6 +35,11 @@ def split(text):
     return [p for p in [*parts, text[start:].strip()] if p]
 
 
+def has_options(cls):
+    """A class of options describes them without an instance; other classes may describe other things."""
+    return isinstance(getattr(cls, "__dict__", {}).get("describe"), staticmethod)
+
+
 class Module:
     def __init__(self, module):
         self.module, self.name = module, module.__name__
@@ -104,9 +109,9 @@ class Module:
         for parameters, result, text in overloads:
             if owner is not None and not static:
                 parameters = ["self", *parameters[1:]]
-            if name == "__init__" and getattr(owner, "describe", None):
+            if name == "__init__" and has_options(owner):
                 parameters = ["self", *(["*", *self.fields(owner)] if self.fields(owner) else [])]
-            if name in ("update", "replace") and getattr(owner, "describe", None):
+            if name in ("update", "replace") and has_options(owner):
                 fields = [re.sub(r"= \.\.\.$|= .*$", "= ...", f) for f in self.fields(owner)]
                 parameters = ["self", *(["*", *fields] if fields else [])]
             if name == "__eq__":
@@ -154,7 +159,7 @@ class Module:
         self.lines.append(f"\nclass {cls.__name__}" + (f"({', '.join(bases)})" if bases else "") + ":")
         self.docstring(" ".join((cls.__doc__ or "").split("\n\nMembers:")[0].split()), "    ")
         members = getattr(cls, "__members__", None)
-        described = {f["path"]: f["type"] for f in cls.describe()} if hasattr(cls, "describe") else {}
+        described = {f["path"]: f["type"] for f in cls.describe()} if has_options(cls) else {}
         start = len(self.lines)
         if issubclass(cls, Exception):
             self.lines += [f"    {name}: str" for name in ("kind", "place", "value")] if cls.__name__ == "Error" else []
