@@ -2,6 +2,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "sweepkit/slam/tracker.hpp"
 
+#include <Eigen/LU>
 #include <catch2/catch.hpp>
 
 #include "slam/point_cloud.hpp"
@@ -18,10 +19,10 @@ struct Slam {
       : tracker(cloud.camera(), cloud.view(), cloud.levels(), options, T_start),
         mapper(cloud.camera(), cloud.view(), cloud.levels(), {}) {}
 
-  TrackResult track(StereoFrame& frame) {
-    const TrackResult result = tracker.track(frame);
+  TrackResult track(StereoFrame& frame, const MotionPrior* prior = nullptr) {
+    const TrackResult result = tracker.track(frame, prior);
     if (result.wants_keyframe) {
-      const auto map = mapper.process({frame, tracker.take_counts(), result.starts_map});
+      const auto map = mapper.process({frame, tracker.take_counts(), result.starts_map, {}});
       CHECK_FALSE(mapper.map().broken_invariant());
       tracker.set_local_map(map);
     }
@@ -152,4 +153,104 @@ TEST_CASE("Tracker and mapper repeat themselves to the bit", "[tracker]") {
     CHECK(of_a.covariance == of_b.covariance);
     CHECK(of_a.points == of_b.points);
   }
+}
+
+namespace {
+
+MotionPrior prior_at(const SE3d& T_camera_world, double position_sigma, double angle_sigma) {
+  Vec6<double> sigma;
+  sigma << Vec3<double>::Constant(position_sigma), Vec3<double>::Constant(angle_sigma);
+  return {T_camera_world, Mat6<double>(sigma.cwiseAbs2().asDiagonal())};
+}
+
+}  // namespace
+
+TEST_CASE("Tracker with odometry keeps the pose by a few points", "[tracker]") {
+  const PointCloud cloud(500, 1), few(16, 1);
+  Slam slam(cloud);
+  int i = 0;
+  for (; i < 5; ++i) {
+    const MotionPrior prior = prior_at(camera_pose(i), 0.003, 0.002);
+    StereoFrame frame = cloud.see(camera_pose(i), 0.4, 100 + i, 0, (i + 1) * kPeriod);
+    REQUIRE(slam.track(frame, &prior).state == TrackingState::tracking);
+  }
+  // The few are the first of the many: nearly all in view. Odometry is a little wrong.
+  const SE3d T_wrong = SE3d::exp(Vec6<double>{0.004, -0.003, 0.005, 0.002, -0.002, 0.001}) * camera_pose(i);
+  const MotionPrior prior = prior_at(T_wrong, 0.005, 0.003);
+  StereoFrame frame = few.see(camera_pose(i), 0.4, 100 + i, 0, (i + 1) * kPeriod);
+  CAPTURE(frame.measurements.size());
+  REQUIRE(frame.measurements.size() >= 8);
+  REQUIRE(frame.measurements.size() < 20);
+  CHECK(slam.track(frame, &prior).state == TrackingState::tracking);
+  const Vec6<double> error = error_of(frame, camera_pose(i));
+  CHECK(error.head<3>().norm() < 0.009);
+  CHECK(error.tail<3>().norm() < 0.004);
+  // What is seen and what odometry says together are known better than either.
+  for (int k = 0; k < 6; ++k) CHECK(frame.covariance(k, k) <= prior.covariance(k, k) * 1.0001);
+  CHECK(error.dot(frame.covariance.inverse() * error) < 25);
+}
+
+TEST_CASE("Tracker follows odometry where nothing is to be seen, with keyframes by the beta rule",
+          "[tracker]") {
+  const PointCloud cloud(500, 1);
+  TrackerOptions options;
+  Slam slam(cloud, options);
+  int i = 0;
+  for (; i < 5; ++i) {
+    const MotionPrior prior = prior_at(SE3d(), 0.003, 0.002);
+    StereoFrame frame = cloud.see(SE3d(), 0.4, 100 + i, 0, (i + 1) * kPeriod);
+    slam.track(frame, &prior);
+  }
+  // In the dark: each pose is the prior's, to the bit, and its covariance too.
+  REQUIRE(slam.tracker.refer(SE3d()).first.valid());
+  int blind = 0, plain = 0;
+  for (; i < 25; ++i) {
+    const SE3d T = SE3d::exp(Vec6<double>{0, 0, 0.01 * (i - 4), 0, 0.02 * (i - 4), 0});
+    const MotionPrior prior = prior_at(T, 0.01 * i, 0.01);
+    StereoFrame nothing;
+    nothing.t = (i + 1) * kPeriod;
+    const TrackResult result = slam.tracker.track(nothing, &prior);
+    REQUIRE(result.state == TrackingState::lost);
+    CHECK(nothing.T_camera_world.matrix() == T.matrix());
+    CHECK(nothing.covariance == prior.covariance);
+    CHECK_FALSE(result.starts_map);
+    CHECK(result.blind == result.wants_keyframe);
+    const SE3d T_since = slam.tracker.refer(T).second;
+    const double beta = options.blind_keyframe.beta(T_since.translation().norm(), T_since.rotation().angle());
+    CAPTURE(i, beta);
+    CHECK(result.blind == (beta > 1));
+    ++(result.blind ? blind : plain);
+  }
+  CHECK(blind > 0);
+  CHECK(plain > 0);
+
+  // The first image that shows enough starts vision where odometry is, at once.
+  const PointCloud elsewhere(500, 9);
+  const SE3d T = SE3d::exp(Vec6<double>{0.1, 0, 0.3, 0, 0.4, 0});
+  const MotionPrior prior = prior_at(T, 0.02, 0.01);
+  StereoFrame frame = elsewhere.see(SE3d(), 0.4, 999, 0, (i + 1) * kPeriod);
+  const TrackResult result = slam.tracker.track(frame, &prior);
+  CHECK(result.starts_map);
+  CHECK(result.wants_keyframe);
+  CHECK_FALSE(result.blind);
+  CHECK(frame.T_camera_world.matrix() == T.matrix());
+}
+
+TEST_CASE("Tracker does not believe odometry against a full picture", "[tracker]") {
+  const PointCloud cloud(600, 1);
+  Slam slam(cloud);
+  int i = 0;
+  for (; i < 5; ++i) {
+    const MotionPrior prior = prior_at(camera_pose(i), 0.003, 0.002);
+    StereoFrame frame = cloud.see(camera_pose(i), 0.4, 100 + i, 0, (i + 1) * kPeriod);
+    slam.track(frame, &prior);
+  }
+  // Wheels that slip: 20 cm and 10 degrees off, and sure of it.
+  const SE3d T_wrong = SE3d::exp(Vec6<double>{0.05, 0, -0.2, 0, 0.17, 0}) * camera_pose(i);
+  const MotionPrior prior = prior_at(T_wrong, 0.003, 0.002);
+  StereoFrame frame = cloud.see(camera_pose(i), 0.4, 100 + i, 0, (i + 1) * kPeriod);
+  REQUIRE(slam.track(frame, &prior).state == TrackingState::tracking);
+  const Vec6<double> error = error_of(frame, camera_pose(i));
+  CHECK(error.head<3>().norm() < 0.01);
+  CHECK(error.tail<3>().norm() < 0.003);
 }
