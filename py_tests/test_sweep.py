@@ -16,7 +16,9 @@ import pytest
 
 import sweepkit as sk
 from sweepkit.sweep import main
+from sweepkit.sweep_studies import nested
 from sweepkit.sweeping import Sweep, SweepError, dask, draw, local, text_table
+from sweepkit.system import RunOptions
 
 HERE = pathlib.Path(__file__).resolve().parent
 PACKAGE = pathlib.Path(sk.__file__).parent
@@ -219,6 +221,14 @@ def test_wrong_options_are_named(arguments, told, tmp_path, capsys):
     assert main(["options", "--data", str(tmp_path), "--out", str(tmp_path / "out"), *arguments]) == 2
     assert told in capsys.readouterr().err
     assert not (tmp_path / "out" / "sweep.csv").exists()
+
+
+def test_every_option_of_the_system_can_be_swept():
+    for field in RunOptions.describe():
+        made = RunOptions(**nested({field["path"]: field["default"]}))
+        for name in field["path"].split("."):
+            made = getattr(made, name)
+        assert made == field["default"], field["path"]
 
 
 def test_without_recordings_a_study_is_skipped(tmp_path, monkeypatch, capsys):

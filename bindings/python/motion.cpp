@@ -17,6 +17,7 @@
 #include "sweepkit/motion/imu_preintegration.hpp"
 #include "sweepkit/motion/integrators.hpp"
 #include "sweepkit/motion/interpolation.hpp"
+#include "sweepkit/motion/navigation_filter.hpp"
 #include "sweepkit/motion/slip.hpp"
 #include "sweepkit/motion/standstill.hpp"
 #include "sweepkit/motion/wheel_calibration.hpp"
@@ -145,6 +146,8 @@ void register_structs(py::module_& m) {
       .def_readwrite("track_width", &WheelParameters::track_width, "[m]");
   bind_options<WheelDecoderOptions>(m, "WheelDecoderOptions", "From wheel samples to distances.");
   bind_options<OdometryOptions>(m, "OdometryOptions", "Relative motion by wheels and gyro.");
+  bind_options<NavigationOptions>(m, "NavigationOptions",
+                                  "The filter that carries a pose by wheels and IMU.");
   bind_options<ImuPreintegrationOptions>(m, "ImuPreintegrationOptions", "Holes, ranges and thresholds.");
   bind_options<GyroBiasWindowOptions>(m, "GyroBiasWindowOptions", "Least squares over a window.");
   bind_options<GyroBiasOptions>(m, "GyroBiasOptions", "Following a gyro's bias.");

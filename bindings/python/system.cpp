@@ -98,6 +98,8 @@ void register_sweeper(py::module_& m) {
       .def_readonly("wheel_samples", &SweeperCounts::wheel_samples)
       .def_readonly("keyframes_made", &SweeperCounts::keyframes_made);
 
+  bind_options<MainDirectionSearchOptions>(m, "MainDirectionSearchOptions",
+                                           "The search for the room's main direction.");
   bind_options<SweeperOptions>(m, "SweeperOptions", "What the whole system may be told.");
   py::class_<SweeperWithEvents>(m, "Sweeper",
                                 "The whole system. Feed it from any threads, one for each kind of sample; "
