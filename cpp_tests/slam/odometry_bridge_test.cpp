@@ -16,83 +16,17 @@
 #include <utility>
 #include <vector>
 
+#include "motion/body_signals.hpp"
 #include "sweepkit/core/random.hpp"
 
 using namespace sweepkit;
 
 namespace {
 
-constexpr double kGravity = 9.81;
-
-double smooth(double t, double from, double to) {
-  const double x = std::clamp((t - from) / (to - from), 0.0, 1.0);
-  return x * x * x * (10 - x * (15 - 6 * x));
-}
-
-Vec6<double> difference(const SE3d& a, const SE3d& b) { return (a.inverse() * b).log(); }
-
-/// What wheels and IMU say of a base that moves as told, by differences of its pose.
-struct Signals {
-  std::function<SE3d(double)> T_world_base;
-  std::function<Eigen::Vector2d(double)> slide = [](double) { return Eigen::Vector2d(0, 0); };
-  std::function<bool(double)> in_air = [](double) { return false; };  // wheels roll by `slide` alone
-  SE3d T_body_base{SO3d::exp({0.02, -3.1, 0.3}), {0.02, -0.05, 0.04}};
-  WheelGeometry geometry{1560, 0.035, 0.235};
-  double noise = 1;  // of the IMU, times what it is said to have
-  double imu_rate = 200, wheel_rate = 50;
-  TimeNs wheel_shift = 0;
-
-  std::vector<ImuSample> imu;
-  std::vector<WheelSample> wheels;
-
-  SE3d T_world_body(double t) const { return T_world_base(t) * T_body_base.inverse(); }
-
-  MotionSensors sensors(bool with_imu = true, bool with_wheels = true) const {
-    MotionSensors sensors;
-    if (with_imu) sensors.imu = MountedImu{.T_body_imu = {}, .noise = {}, .rate_hz = imu_rate};
-    if (with_wheels)
-      sensors.wheels = MountedWheels{.T_body_base = T_body_base, .geometry = geometry, .rate_hz = wheel_rate};
-    return sensors;
-  }
-
-  void make(double seconds, std::uint64_t seed = 1) {
-    Random random(seed);
-    const ImuNoise said;
-    constexpr double h = 1e-3;
-    for (int k = 0; k <= std::lround(seconds * imu_rate); ++k) {
-      const double t = k / imu_rate;
-      const SE3d T = T_world_body(t), before = T_world_body(t - h), after = T_world_body(t + h);
-      ImuSample s{from_seconds(t)};
-      s.gyro = difference(before, after).tail<3>() / (2 * h);
-      const Vec3<double> acceleration =
-          (after.translation() - 2 * T.translation() + before.translation()) / (h * h);
-      s.accel = T.rotation().inverse() * (acceleration + Vec3<double>(0, 0, kGravity));
-      for (int i = 0; i < 3; ++i) {
-        s.gyro[i] += noise * random.normal(0, said.gyro_noise_density * std::sqrt(imu_rate));
-        s.accel[i] += noise * random.normal(0, said.accel_noise_density * std::sqrt(imu_rate));
-      }
-      imu.push_back(s);
-    }
-    double left = 100, right = 300;
-    constexpr double step = 2e-3;
-    int made = 0;
-    for (int k = 0; k <= std::lround(seconds / step); ++k) {
-      const double t = k * step;
-      if (t > made / wheel_rate - 1e-9) {
-        WheelSample s{from_seconds(made / wheel_rate) + wheel_shift};
-        s.left = noise > 0 ? std::floor(left) : left;
-        s.right = noise > 0 ? std::floor(right) : right;
-        wheels.push_back(s);
-        ++made;
-      }
-      const Vec6<double> xi = difference(T_world_base(t), T_world_base(t + step));
-      const Eigen::Vector2d slid = step * slide(t + 0.5 * step);
-      const double on_floor = in_air(t) ? 0.0 : 1.0, b = geometry.track_width;
-      left += (on_floor * (xi[0] - 0.5 * b * xi[5]) + slid[0]) / geometry.metres_per_tick();
-      right += (on_floor * (xi[0] + 0.5 * b * xi[5]) + slid[1]) / geometry.metres_per_tick();
-    }
-  }
-};
+using test::BodySignals;
+using test::difference;
+using test::kGravity;
+using test::smooth;
 
 using Sees = std::function<bool(double)>;
 
@@ -110,7 +44,7 @@ struct Run {
   }
 
   Run(
-      OdometryBridge& bridge, const Signals& signals, double seconds,
+      OdometryBridge& bridge, const BodySignals& signals, double seconds,
       const Sees& sees = [](double) { return true; },
       const std::function<void(double)>& at_image = [](double) {}) {
     std::size_t i = 0, w = 0;
@@ -178,7 +112,7 @@ TEST_CASE("OdometryBridge has nothing to report of an ordinary drive but its sta
     for (const auto& [imu, wheels] :
          {std::pair{true, true}, std::pair{false, true}, std::pair{true, false}}) {
       CAPTURE(sill, imu, wheels);
-      Signals signals;
+      BodySignals signals;
       signals.T_world_base = sill ? drive_with_sill : plain_drive;
       signals.make(11);
       OdometryBridge bridge(signals.sensors(imu, wheels), {});
@@ -207,7 +141,7 @@ TEST_CASE("OdometryBridge has nothing to report of an ordinary drive but its sta
 }
 
 TEST_CASE("OdometryBridge carries the pose through darkness", "[bridge]") {
-  Signals signals;
+  BodySignals signals;
   signals.T_world_base = drive_with_sill;
   signals.make(11);
   OdometryBridge bridge(signals.sensors(), {});
@@ -221,7 +155,7 @@ TEST_CASE("OdometryBridge carries the pose through darkness", "[bridge]") {
 TEST_CASE("OdometryBridge tells slip and does not believe it", "[bridge]") {
   for (const bool imu : {true, false}) {
     CAPTURE(imu);
-    Signals signals;
+    BodySignals signals;
     signals.T_world_base = plain_drive;
     signals.slide = [](double t) {
       return t > 4 && t < 5.5 ? Eigen::Vector2d(0.2, 0.2) : Eigen::Vector2d(0, 0);
@@ -252,7 +186,7 @@ TEST_CASE("OdometryBridge notices that it is lifted and put down, and wheels tha
           "[bridge]") {
   for (const bool spins : {false, true}) {
     CAPTURE(spins);
-    Signals signals;
+    BodySignals signals;
     // Drives, is lifted by 30 cm while it stands, tilted and turned, put down elsewhere; stands.
     signals.T_world_base = [](double t) {
       const double up = smooth(t, 9, 10) - smooth(t, 12, 13);
@@ -284,7 +218,7 @@ TEST_CASE("OdometryBridge notices that it is lifted and put down, and wheels tha
 TEST_CASE("OdometryBridge tells silence of a sensor and goes on", "[bridge]") {
   for (const bool of_imu : {true, false}) {
     CAPTURE(of_imu);
-    Signals signals;
+    BodySignals signals;
     signals.T_world_base = plain_drive;
     signals.make(9);
     const auto silent = [](const auto& s) { return to_seconds(s.t) > 4 && to_seconds(s.t) < 5; };
@@ -305,7 +239,7 @@ TEST_CASE("OdometryBridge tells silence of a sensor and goes on", "[bridge]") {
 TEST_CASE("OdometryBridge::take_motion is the true motion where nothing disturbs it", "[bridge]") {
   for (const auto& [imu, wheels, metres] : {std::tuple{true, true, 1e-4}, std::tuple{false, true, 1e-4}}) {
     CAPTURE(imu, wheels);
-    Signals signals;
+    BodySignals signals;
     signals.noise = 0;
     signals.T_world_base = plain_drive;
     signals.make(9);
@@ -336,7 +270,7 @@ TEST_CASE("OdometryBridge::take_motion is the true motion where nothing disturbs
 }
 
 TEST_CASE("OdometryBridge stands for an hour", "[bridge]") {
-  Signals signals;
+  BodySignals signals;
   signals.T_world_base = [](double) { return SE3d(); };
   signals.make(3600);
   OdometryBridge bridge(signals.sensors(), {});
@@ -381,7 +315,7 @@ TEST_CASE("OdometryBridge starts with z up and yaw zero, however the body is mou
     CHECK(T.rotation().matrix().determinant() == Approx(1));
   }
   // Nothing tells the vertical: the body's own axes.
-  Signals signals;
+  BodySignals signals;
   OdometryBridge bridge(signals.sensors(false, true), {});
   CHECK(bridge.start(0).matrix() == SE3d().matrix());
 }
@@ -390,7 +324,7 @@ TEST_CASE("OdometryBridge bears clocks that differ by 50 ms", "[bridge]") {
   for (const double shift : {-0.05, 0.05})
     for (const double seen_until : {20.0, 4.0}) {
       CAPTURE(shift, seen_until);
-      Signals signals;
+      BodySignals signals;
       signals.T_world_base = plain_drive;
       signals.wheel_shift = from_seconds(shift);
       signals.make(10);
@@ -403,7 +337,7 @@ TEST_CASE("OdometryBridge bears clocks that differ by 50 ms", "[bridge]") {
 }
 
 TEST_CASE("OdometryBridge bears saturation, resets and nonsense", "[bridge]") {
-  Signals signals;
+  BodySignals signals;
   signals.T_world_base = plain_drive;
   signals.make(10);
   for (ImuSample& s : signals.imu) {
@@ -425,7 +359,7 @@ TEST_CASE("OdometryBridge bears saturation, resets and nonsense", "[bridge]") {
 }
 
 TEST_CASE("OdometryBridge follows the map", "[bridge]") {
-  Signals signals;
+  BodySignals signals;
   signals.T_world_base = plain_drive;
   signals.make(6);
   OdometryBridge bridge(signals.sensors(), {});
