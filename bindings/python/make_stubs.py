@@ -165,11 +165,15 @@ class Module:
             self.lines += [f"    {name}: str" for name in ("kind", "place", "value")] if cls.__name__ == "Error" else []
         for name in members or {}:
             self.imports.add("typing")
-            self.lines.append(f"    {name}: typing.ClassVar[{cls.__name__}]")
+            self.lines.append(f"    {name}: typing.ClassVar[{cls.__qualname__}]")
         for name, member in cls.__dict__.items():
             if members and (name in members or name in ("name", "value", "__members__")) or name in ("__module__", "__doc__", "__entries", "__weakref__", "__dict__"):
                 continue
-            if isinstance(member, property):
+            if inspect.isclass(member):
+                outer, self.lines = self.lines, []
+                self.cls(member)
+                self.lines = outer + ["    " + line for line in "\n".join(self.lines).strip().split("\n")]
+            elif isinstance(member, property):
                 kind = described.get(name) or ("dict[str, typing.Any]" if name == "__members__" else self.property_type(member))
                 text = " ".join((member.__doc__ or "").split())
                 self.lines += ["    @property", f"    def {name}(self) -> {kind}:" + ("" if text else " ...")]
