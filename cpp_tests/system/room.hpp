@@ -8,6 +8,7 @@
 #include <vector>
 
 #include "sweepkit/core/sample.hpp"
+#include "sweepkit/data/source.hpp"
 #include "sweepkit/geometry/camera.hpp"
 #include "sweepkit/geometry/se3.hpp"
 #include "sweepkit/geometry/stereo_rig.hpp"
@@ -29,6 +30,13 @@ class Room {
   }
 
   StereoRig rig() const { return StereoRig(left_, right_, T_body_left_, T_body_right_); }
+  /// The cameras, and what tells motion, if anything does.
+  Rig rig(const MotionSensors& motion) const {
+    return {.left = MountedCamera{left_, T_body_left_, 10},
+            .right = MountedCamera{right_, T_body_right_, 10},
+            .imu = motion.imu,
+            .wheels = motion.wheels};
+  }
 
   StereoImage see(TimeNs t, const SE3d& T_world_body) const {
     return {t, draw(left_, T_world_body * T_body_left_), draw(right_, T_world_body * T_body_right_)};
