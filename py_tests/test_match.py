@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+import sweepkit as sk
 from sweepkit.feature import OrbExtractor, OrbOptions
 from sweepkit.geometry import Camera, StereoRig
 from sweepkit.image import ImagePyramid
