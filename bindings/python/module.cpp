@@ -23,7 +23,8 @@ PYBIND11_MODULE(_core, m) {
   add("motion", python::register_motion, "Wheels and IMU: integration, bias, standstill, calibration, slip.");
   add("match", python::register_match, "Stereo matching and matching by descriptor.");
   add("bow", python::register_bow, "Vocabularies, bags of words, images by their words.");
-  add("direction", python::register_direction, "Vanishing points, Manhattan frames, the main direction of a room.");
+  add("direction", python::register_direction,
+      "Vanishing points, Manhattan frames, the main direction of a room.");
   add("solve", python::register_solve, "Options of the solvers.");
   add("slam", python::register_slam, "Options of tracking and mapping.");
   add("data", python::register_data, "Recordings, trajectories and their evaluation.");

@@ -38,16 +38,16 @@ enum class Pattern {
   wallpaper,  ///< printed motifs
   panels,     ///< boards on edge with grooves
   bricks,
-  planks,  ///< floor boards with grain and gaps
-  tiles,   ///< with grout
-  wood,    ///< grain without gaps
-  weave,   ///< woven, with an ornament: carpets
-  fabric,  ///< cloth, checked
+  planks,   ///< floor boards with grain and gaps
+  tiles,    ///< with grout
+  wood,     ///< grain without gaps
+  weave,    ///< woven, with an ornament: carpets
+  fabric,   ///< cloth, checked
   print,    ///< lettering and bar codes: cartons
   spines,   ///< of books
   picture,  ///< what hangs framed on walls
   glyph,    ///< signs of mahjong tiles
-  paint,   ///< painted surfaces with dirt and scratches
+  paint,    ///< painted surfaces with dirt and scratches
 };
 
 /// A look that can be used under its name.
