@@ -231,6 +231,20 @@ TEST_CASE("silence, absence and distrust show in the covariance", "[motion][odom
     CHECK(distance(m.motion.T, truth) > 0.2);
     inside(m);
   }
+  SECTION("wheels at rest in the air say nothing") {
+    OdometryIntegrator carried(drive.geometry, drive.T_body_base, ImuNoise{drive.gyro_noise}, options);
+    carried.set_gyro_bias(drive.gyro_bias);
+    for (const auto& s : drive.imu) carried.add(s);
+    for (auto s : drive.ticks) {
+      s.left = s.right = 7;
+      carried.add(s);
+    }
+    carried.distrust_wheels(from, to, true);
+    const OdometryMotion m = carried.between(from, to);
+    CHECK(m.without_wheels == Approx(3));
+    CHECK(std::sqrt(m.motion.covariance(0, 0)) >= 3 * options.unknown_speed * 0.99);
+    inside(m);
+  }
   SECTION("beyond the newest sample rates are held, then unknown") {
     OdometryIntegrator odometry(drive.geometry, drive.T_body_base, ImuNoise{drive.gyro_noise}, options);
     odometry.set_gyro_bias(drive.gyro_bias);

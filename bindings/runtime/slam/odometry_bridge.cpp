@@ -110,7 +110,7 @@ void OdometryBridge::add(const WheelSample& sample) {
   if (!check.usable) return;
   judge_wheels(sample.t, check);
   judge_lift(sample.t, dt, check);
-  if ((slipping() || lifted_) && edges_) edges_->distrust_wheels(before, sample.t);
+  if ((slipping() || lifted_) && edges_) edges_->distrust_wheels(before, sample.t, lifted_);
 }
 
 void OdometryBridge::judge_wheels(TimeNs t, const WheelCheck& check) {
@@ -152,7 +152,7 @@ void OdometryBridge::judge_lift(TimeNs t, double dt, const WheelCheck& check) {
     if (risen_ < options_.lift_height && tilt() < options_.lift_tilt * kDegree) return;
     lifted_ = true;
     calm_since_ = t;
-    if (edges_) edges_->distrust_wheels(t - kDoubtBack, t);
+    if (edges_) edges_->distrust_wheels(t - kDoubtBack, t, true);
     if (slipping()) tell_slip(t, check, true);
     events_.push_back(Event(t, "lifted").with("risen_m", risen_).with("tilt_deg", tilt() / kDegree));
     return;

@@ -126,8 +126,11 @@ class BasicOdometryIntegrator {
   void set_wheels(const WheelParameters& wheels);
   const WheelParameters& wheels() const { return wheels_; }
   const SE3d& T_body_base() const { return T_body_base_; }
-  /// What the wheels say from `from` to `to` is not believed (they slip, or turn in the air).
-  void distrust_wheels(TimeNs from, TimeNs to) { distrusted_.push_back({from, to}); }
+  /// What the wheels say from `from` to `to` is not believed. Wheels that slip turn faster than the robot
+  /// moves; those of a robot in the air say nothing, even at rest.
+  void distrust_wheels(TimeNs from, TimeNs to, bool in_the_air = false) {
+    distrusted_.push_back({from, to, in_the_air});
+  }
 
   /// The motion from one time to a later one (or the same). Before the oldest sample nothing is known.
   /// @throws Error(argument) if to < from
@@ -146,7 +149,9 @@ class BasicOdometryIntegrator {
  private:
   struct Span {
     TimeNs from, to;
+    bool in_the_air;
   };
+  enum class Trust { full, slipping, in_the_air };
   struct Accumulated;
   /// What holds from a time on, until `end`.
   struct GyroRate {
@@ -158,7 +163,7 @@ class BasicOdometryIntegrator {
   TimeNs next_break(TimeNs t, TimeNs to, std::size_t gyro, std::size_t step) const;
   GyroRate gyro_rate(std::size_t k, TimeNs a, TimeNs b) const;
   void add_piece(Accumulated& sum, TimeNs a, TimeNs b, const GyroRate& gyro, std::size_t step) const;
-  bool distrusted(TimeNs a, TimeNs b) const;
+  Trust trust(TimeNs a, TimeNs b) const;
 
   WheelGeometry geometry_;
   SE3d T_body_base_;

@@ -108,9 +108,11 @@ void BasicOdometryIntegrator<I>::forget_before(TimeNs t) {
 }
 
 template <TwistIntegrator I>
-bool BasicOdometryIntegrator<I>::distrusted(TimeNs a, TimeNs b) const {
-  return std::any_of(distrusted_.begin(), distrusted_.end(),
-                     [&](const Span& s) { return s.from < b && s.to > a; });
+auto BasicOdometryIntegrator<I>::trust(TimeNs a, TimeNs b) const -> Trust {
+  Trust trust = Trust::full;
+  for (const Span& s : distrusted_)
+    if (s.from < b && s.to > a) trust = std::max(trust, s.in_the_air ? Trust::in_the_air : Trust::slipping);
+  return trust;
 }
 
 template <TwistIntegrator I>
@@ -174,7 +176,8 @@ void BasicOdometryIntegrator<I>::add_piece(Accumulated& sum, TimeNs a, TimeNs b,
       wheels->d_turn *= part;
     }
   }
-  const bool trusted = wheels && !distrusted(a, b);
+  const Trust trust = this->trust(a, b);
+  const bool trusted = wheels && trust == Trust::full;
   if (trusted) {
     const double distance = std::abs(wheels->forward), turn = std::abs(wheels->turn);
     const double rolled = distance + 0.5 * wheels_.track_width * turn;
@@ -197,7 +200,8 @@ void BasicOdometryIntegrator<I>::add_piece(Accumulated& sum, TimeNs a, TimeNs b,
       sum.unknown_distance += 0.25 * distance;
   } else {
     // Slipping wheels turn faster than the robot moves, not slower.
-    sum.unknown_distance += wheels ? std::abs(wheels->forward) : options_.unknown_speed * dt;
+    sum.unknown_distance +=
+        wheels && trust == Trust::slipping ? std::abs(wheels->forward) : options_.unknown_speed * dt;
   }
   if (gyro.known) {
     const Mat3<double> R_base_body = T_body_base_.rotation().inverse().matrix();
@@ -232,7 +236,7 @@ OdometryMotion BasicOdometryIntegrator<I>::between(TimeNs from, TimeNs to) const
     const double dt = to_seconds(next - t);
     const bool wheels = step < steps_.size() && steps_[step].begin <= t && steps_[step].measured;
     if (!rate.known || rate.held > 0) result.without_gyro += dt;
-    if (!wheels || distrusted(t, next)) result.without_wheels += dt;
+    if (!wheels || trust(t, next) != Trust::full) result.without_wheels += dt;
     const SE3d before = sum.T;
     add_piece(sum, t, next, rate, step);
     const SE3d moved = before.inverse() * sum.T;
