@@ -21,7 +21,7 @@ using sweepkit::test::DriveSimulation;
 
 namespace {
 
-using Place = NavigationState::Place;
+using Place = NavigationState;
 using Covariance = NavigationState::Covariance;
 constexpr double kDegree = std::numbers::pi / 180;
 constexpr int kSize = NavigationState::kSize;

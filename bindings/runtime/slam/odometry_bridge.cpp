@@ -170,7 +170,7 @@ void OdometryBridge::judge_lift(TimeNs t, double dt, const WheelCheck& check) {
 }
 
 void OdometryBridge::judge_standstill(TimeNs t) {
-  using Place = NavigationState::Place;
+  using Place = NavigationState;
   const auto bias = filter_.state().covariance.diagonal().segment<3>(Place::kGyroBias);
   if (sensors_.imu && bias.maxCoeff() < kKnownBias * kKnownBias)
     standstill_->set_gyro_bias(filter_.state().gyro_bias);
@@ -221,7 +221,7 @@ void OdometryBridge::fold_motion(TimeNs t) {
   edges_->set_gyro_bias(state.gyro_bias);
   edges_->set_wheels({wheels[0], wheels[1], wheels[2]});
   const OdometryMotion moved = edges_->between(moved_until_, t);
-  using Place = NavigationState::Place;
+  using Place = NavigationState;
   const Mat3<double> bias = state.covariance.block<3, 3>(Place::kGyroBias, Place::kGyroBias);
   const Mat3<double> scales = wheels.asDiagonal() *
                               state.covariance.block<3, 3>(Place::kWheels, Place::kWheels) *

@@ -82,7 +82,7 @@ Json direction_json(const Sweeper& sweeper) {
 Json motion_json(const Sweeper& sweeper) {
   const auto state = sweeper.navigation();
   if (!state) return nullptr;
-  using Place = NavigationState::Place;
+  using Place = NavigationState;
   const auto sigma = [&](int place) { return std::sqrt(state->covariance(place, place)); };
   const auto list = [](const Vec3<double>& v) { return Json::array({v.x(), v.y(), v.z()}); };
   const Vec3<double> scales = state->wheel_scales.array().exp();

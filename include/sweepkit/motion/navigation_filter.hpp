@@ -75,7 +75,7 @@ struct NavigationState {
   static constexpr int kSize = 20;
   /// Places in the error: T_world_body * Exp(rho, phi); velocity + R_world_body nu; biases and wheel scales
   /// added; up turned by two angles in the plane across it.
-  enum Place { kRho = 0, kPhi = 3, kNu = 6, kGyroBias = 9, kAccelBias = 12, kUp = 15, kWheels = 17 };
+  static constexpr int kRho = 0, kPhi = 3, kNu = 6, kGyroBias = 9, kAccelBias = 12, kUp = 15, kWheels = 17;
   using Covariance = Eigen::Matrix<double, kSize, kSize>;
 
   TimeNs t = 0;
