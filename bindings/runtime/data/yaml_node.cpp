@@ -11,31 +11,15 @@
 #include <fstream>
 #include <limits>
 #include <numbers>
-#include <numeric>
 #include <set>
 
+#include "sweepkit/core/edit_distance.hpp"
 #include "sweepkit/core/option_text.hpp"
 
 namespace sweepkit {
 namespace {
 
 constexpr std::size_t kLongestFile = 1 << 22;
-
-/// Levenshtein's distance.
-std::size_t edit_distance(std::string_view a, std::string_view b) {
-  std::vector<std::size_t> row(b.size() + 1);
-  std::iota(row.begin(), row.end(), std::size_t{0});
-  for (std::size_t i = 1; i <= a.size(); ++i) {
-    std::size_t diagonal = row[0];
-    row[0] = i;
-    for (std::size_t j = 1; j <= b.size(); ++j) {
-      const std::size_t above = row[j];
-      row[j] = std::min({above + 1, row[j - 1] + 1, diagonal + (a[i - 1] == b[j - 1] ? 0 : 1)});
-      diagonal = above;
-    }
-  }
-  return row[b.size()];
-}
 
 template <class Words>
 std::string nearest_of(const Words& words, std::string_view to) {

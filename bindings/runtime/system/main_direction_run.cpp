@@ -2,8 +2,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "sweepkit/system/main_direction_run.hpp"
 
-#include <png.h>
-
 #include <array>
 #include <cmath>
 #include <exception>
@@ -12,6 +10,7 @@
 #include <nlohmann/json.hpp>
 #include <numbers>
 
+#include "canvas.hpp"
 #include "sweepkit/core/option_text.hpp"
 #include "sweepkit/core/stage_clock.hpp"
 #include "sweepkit/core/version.hpp"
@@ -22,58 +21,15 @@ namespace {
 
 constexpr double kDegree = std::numbers::pi / 180;
 
-using Color = std::array<std::uint8_t, 3>;
 // Of the labels -1 (none), 0 (horizontal), 1 (vertical), 2 (the other horizontal).
 constexpr std::array<Color, 4> kColors{{{150, 150, 150}, {235, 60, 50}, {60, 120, 255}, {50, 210, 70}}};
-
-/// An image in colour, to be drawn on.
-class Picture {
- public:
-  explicit Picture(GrayView image) : width_(image.width), height_(image.height) {
-    pixels_.reserve(static_cast<std::size_t>(width_) * height_ * 3);
-    // Darker, so that the lines stand out.
-    for (int y = 0; y < height_; ++y)
-      for (int x = 0; x < width_; ++x)
-        pixels_.insert(pixels_.end(), 3, static_cast<std::uint8_t>(image(x, y) / 2));
-  }
-
-  void line(double x1, double y1, double x2, double y2, const Color& color) {
-    const int steps = static_cast<int>(std::ceil(std::max({std::abs(x2 - x1), std::abs(y2 - y1), 1.0})));
-    for (int i = 0; i <= steps; ++i) {
-      const double s = static_cast<double>(i) / steps;
-      const int x = static_cast<int>(std::lround(x1 + s * (x2 - x1)));
-      const int y = static_cast<int>(std::lround(y1 + s * (y2 - y1)));
-      set(x, y, color);
-      // Two pixels thick, across the line.
-      std::abs(x2 - x1) > std::abs(y2 - y1) ? set(x, y + 1, color) : set(x + 1, y, color);
-    }
-  }
-
-  void write(const std::filesystem::path& file) const {
-    png_image png{};
-    png.version = PNG_IMAGE_VERSION;
-    png.width = static_cast<png_uint_32>(width_);
-    png.height = static_cast<png_uint_32>(height_);
-    png.format = PNG_FORMAT_RGB;
-    if (!png_image_write_to_file(&png, file.c_str(), 0, pixels_.data(), 0, nullptr))
-      throw Error(ErrorKind::io, file.string(), std::string("cannot be written: ") + png.message);
-  }
-
- private:
-  void set(int x, int y, const Color& color) {
-    if (x < 0 || y < 0 || x >= width_ || y >= height_) return;
-    for (int k = 0; k < 3; ++k) pixels_[(static_cast<std::size_t>(y) * width_ + x) * 3 + k] = color[k];
-  }
-
-  int width_, height_;
-  std::vector<std::uint8_t> pixels_;
-};
 
 /// Segments coloured by direction; in the lower left corner the room from above, the camera looking up the
 /// picture.
 void write_picture(const std::filesystem::path& file, GrayView image, std::span<const LineSegment> segments,
                    std::span<const std::int8_t> labels, double angle) {
-  Picture picture(image);
+  // Darker, so that the lines stand out.
+  Canvas picture(image, 0.5);
   for (std::size_t i = 0; i < segments.size(); ++i) {
     const LineSegment& s = segments[i];
     picture.line(s.x1, s.y1, s.x2, s.y2, kColors[static_cast<std::size_t>(labels[i] + 1)]);
