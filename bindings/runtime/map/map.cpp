@@ -3,7 +3,6 @@
 #include "sweepkit/map/map.hpp"
 
 #include <algorithm>
-#include <map>
 #include <utility>
 
 #include "sweepkit/core/error.hpp"
@@ -24,6 +23,20 @@ void add_covisible(std::vector<Covisible>& list, KeyframeId id, int by) {
 }
 
 }  // namespace
+
+Map::Map(MapParts&& parts)
+    : keyframes_(std::move(parts.keyframes)),
+      points_(std::move(parts.points)),
+      removed_(std::move(parts.removed)),
+      map_count_(parts.map_count) {
+  const auto living = [](const auto& list) {
+    return static_cast<std::size_t>(
+        std::count_if(list.begin(), list.end(), [](const auto& entry) { return entry != nullptr; }));
+  };
+  live_keyframes_ = living(keyframes_);
+  live_points_ = living(points_);
+  if (const auto broken = broken_invariant()) throw Error(ErrorKind::argument, "Map(parts)", *broken);
+}
 
 const Keyframe& Map::keyframe(KeyframeId id) const {
   const Keyframe* found = find(id);
@@ -76,6 +89,40 @@ void Map::remove_keyframe(KeyframeId id) {
   removed_[id] = {gone.parent, gone.T_camera_world * keyframe(gone.parent).T_camera_world.inverse()};
   keyframes_[id.value].reset();
   --live_keyframes_;
+}
+
+std::vector<MapId> Map::maps() const {
+  std::vector<bool> used(map_count_, false);
+  for (const auto& keyframe : keyframes_)
+    if (keyframe) used[keyframe->map.value] = true;
+  std::vector<MapId> ids;
+  for (std::uint32_t i = 0; i < map_count_; ++i)
+    if (used[i]) ids.push_back(MapId{i});
+  return ids;
+}
+
+void Map::join_maps(KeyframeId child, KeyframeId parent, const SE3d& T_into_from) {
+  const MapId from = keyframe(child).map, into = keyframe(parent).map;
+  require(from != into, "Map::join_maps(parent)", "both keyframes belong to one map", parent.value);
+  for (KeyframeId below = parent, here = child; here.valid();) {
+    const KeyframeId above = std::exchange(at(here).parent, below);
+    below = here;
+    here = above;
+  }
+  std::vector<bool> moved(points_.size(), false);
+  const SE3d T_from_into = T_into_from.inverse();
+  for (auto& keyframe : keyframes_) {
+    if (!keyframe || keyframe->map != from) continue;
+    keyframe->map = into;
+    keyframe->T_camera_world = keyframe->T_camera_world * T_from_into;
+    for (const PointId id : keyframe->points) {
+      if (!id.valid() || moved[id.value]) continue;
+      moved[id.value] = true;
+      MapPoint& point = at(id);
+      point.p_world = T_into_from * point.p_world;
+      point.normal = (T_into_from.rotation() * point.normal.cast<double>()).cast<float>();
+    }
+  }
 }
 
 SE3d Map::T_camera_world(KeyframeId id) const {
@@ -153,6 +200,11 @@ void Map::merge_points(PointId drop, PointId keep) {
   merged_into_[drop] = keep;
 }
 
+const RemovedKeyframe* Map::find_removed(KeyframeId id) const {
+  const auto it = removed_.find(id);
+  return it == removed_.end() ? nullptr : &it->second;
+}
+
 PointId Map::resolve(PointId id) const {
   while (id.valid() && find(id) == nullptr) {
     const auto it = merged_into_.find(id);
@@ -205,54 +257,88 @@ int Map::shared_points(KeyframeId a, KeyframeId b) const {
 
 std::optional<std::string> Map::broken_invariant() const {
   using std::to_string;
-  std::map<std::pair<KeyframeId, KeyframeId>, int> shared;
   std::size_t observations = 0;
-  for (const auto& point : points_) {
+  for (std::uint32_t i = 0; i < point_id_end(); ++i) {
+    const MapPoint* point = find(PointId{i});
     if (!point) continue;
-    const std::string name = "point " + to_string(point->id.value);
+    const std::string name = "point " + to_string(i);
+    if (point->id.value != i) return name + " has the id " + to_string(point->id.value);
     if (point->observations.empty()) return name + " has no observation";
-    for (std::size_t i = 0; i < point->observations.size(); ++i) {
-      const Observation& o = point->observations[i];
+    KeyframeId before;
+    for (const Observation& o : point->observations) {
       const Keyframe* keyframe = find(o.keyframe);
       if (!keyframe) return name + " is seen by the dead keyframe " + to_string(o.keyframe.value);
       if (o.index >= keyframe->points.size() || keyframe->points[o.index] != point->id)
         return name + " is not known to keyframe " + to_string(o.keyframe.value);
-      if (i > 0 && !(point->observations[i - 1].keyframe < o.keyframe))
-        return name + " has observations out of order";
-      for (std::size_t j = 0; j < i; ++j) ++shared[{point->observations[j].keyframe, o.keyframe}];
-      ++observations;
+      if (before.valid() && !(before < o.keyframe)) return name + " has observations out of order";
+      before = o.keyframe;
     }
+    observations += point->observations.size();
   }
-  std::size_t slots = 0, pairs = 0;
-  for (const auto& keyframe : keyframes_) {
+  std::size_t slots = 0;
+  std::vector<int> shared(keyframes_.size(), 0);  // with the keyframe at hand, by id
+  for (std::uint32_t i = 0; i < keyframe_id_end(); ++i) {
+    const Keyframe* keyframe = find(KeyframeId{i});
     if (!keyframe) continue;
-    const std::string name = "keyframe " + to_string(keyframe->id.value);
-    for (const PointId point : keyframe->points) slots += point.valid();
+    const std::string name = "keyframe " + to_string(i);
+    if (keyframe->id.value != i) return name + " has the id " + to_string(keyframe->id.value);
+    if (keyframe->map.value >= map_count_) return name + " is in no map";
+    if (keyframe->points.size() != keyframe->measurements.size() ||
+        keyframe->descriptors.size() != keyframe->measurements.size())
+      return name + " has not as many points and descriptors as measurements";
+    std::size_t others = 0;
+    for (const PointId id : keyframe->points) {
+      if (!id.valid()) continue;
+      ++slots;
+      const MapPoint* point = find(id);
+      if (!point) return name + " sees the dead point " + to_string(id.value);
+      for (const Observation& o : point->observations)
+        others += o.keyframe.value != i && shared[o.keyframe.value]++ == 0;
+    }
+    KeyframeId before;
     for (const Covisible& c : keyframe->covisible) {
       if (!find(c.keyframe))
         return name + " is covisible with the dead keyframe " + to_string(c.keyframe.value);
-      const auto it = shared.find(std::minmax(keyframe->id, c.keyframe));
-      if (it == shared.end() || it->second != c.points)
+      if (c.points < 1 || shared[c.keyframe.value] != c.points)
         return name + " counts " + to_string(c.points) + " points shared with keyframe " +
                to_string(c.keyframe.value);
-      ++pairs;
+      if (before.valid() && !(before < c.keyframe)) return name + " has covisible keyframes out of order";
+      before = c.keyframe;
+      shared[c.keyframe.value] = 0;
     }
+    if (keyframe->covisible.size() != others)
+      return name + " shares points with " + to_string(others) + " keyframes, not " +
+             to_string(keyframe->covisible.size());
     if (keyframe->odometry) {
       const Keyframe* from = find(keyframe->odometry->from);
       if (!from) return name + " has odometry from a dead keyframe";
       if (from->map != keyframe->map) return name + " has odometry from another map";
     }
-    std::size_t steps = 0;
-    for (const Keyframe* k = keyframe.get(); k->parent.valid(); ++steps) {
-      k = find(k->parent);
-      if (!k) return name + " has a dead ancestor";
-      if (k->map != keyframe->map) return name + " has an ancestor in another map";
-      if (steps > live_keyframes_) return name + " is its own ancestor";
-    }
   }
   if (slots != observations)
     return "keyframes hold " + to_string(slots) + " points, points " + to_string(observations);
-  if (pairs != 2 * shared.size()) return "covisibility is not the same on both sides";
+
+  // The way up, over parents and what stood for those removed, until it meets an end or an earlier way.
+  if (removed_.size() != keyframes_.size() - live_keyframes_)
+    return "of " + to_string(keyframes_.size() - live_keyframes_) + " removed keyframes " +
+           to_string(removed_.size()) + " are told";
+  std::vector<std::uint32_t> way(keyframes_.size(), 0);
+  for (std::uint32_t i = 0; i < keyframe_id_end(); ++i) {
+    for (KeyframeId id{i}; way[id.value] == 0;) {
+      way[id.value] = i + 1;
+      const std::string name = "keyframe " + to_string(id.value);
+      const Keyframe* keyframe = find(id);
+      const RemovedKeyframe* removed = find_removed(id);
+      if (!keyframe == !removed) return name + " is not either living or removed";
+      const KeyframeId up = keyframe ? keyframe->parent : removed->parent;
+      if (keyframe && !up.valid()) break;
+      if (up.value >= keyframes_.size()) return name + " has no parent";
+      if (keyframe && !find(up)) return name + " has a dead parent";
+      if (keyframe && find(up)->map != keyframe->map) return name + " has a parent in another map";
+      if (way[up.value] == i + 1) return name + " is its own ancestor";
+      id = up;
+    }
+  }
   return std::nullopt;
 }
 

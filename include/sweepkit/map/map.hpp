@@ -15,21 +15,47 @@
 
 namespace sweepkit {
 
+/// What stands for a keyframe that was removed.
+struct RemovedKeyframe {
+  KeyframeId parent;     ///< its parent then; may have been removed since
+  SE3d T_camera_parent;  ///< from that one's camera, as it stood to it then
+};
+
+/// All that a map is made of, in the open: what a file brings back.
+struct MapParts {
+  std::uint32_t map_count = 0;
+  std::vector<std::unique_ptr<Keyframe>> keyframes;  ///< by id; null where it was removed
+  std::vector<std::unique_ptr<MapPoint>> points;     ///< by id; null where it was removed
+  std::unordered_map<KeyframeId, RemovedKeyframe> removed;
+};
+
 /// Keyframes, points and who saw what: plain data behind operations that keep these invariants:
 /// - an observation of a point by a keyframe stands on both sides (`MapPoint::observations`,
 /// `Keyframe::points`);
 /// - a point has at least one observation, and at most one by each keyframe;
 /// - `Keyframe::covisible` counts shared points exactly, the same on both sides;
 /// - a parent is a living keyframe of the same map, and parents form trees;
-/// - odometry comes from a living keyframe of the same map.
+/// - odometry comes from a living keyframe of the same map;
+/// - a removed keyframe leads to a living one.
 ///
 /// Ids are given in order of creation and never used again. Removed keyframes and points leave their id
 /// empty. Not thread safe: it has one owner.
 class Map {
  public:
+  Map() = default;
+  /// A map again from its parts. Throws Error(argument) that names the first invariant that they break.
+  explicit Map(MapParts&& parts);
+
   /// Starts another map, that is a tree of keyframes in a frame of its own.
   MapId add_map() { return MapId{map_count_++}; }
   std::uint32_t map_count() const { return map_count_; }
+  /// The maps that have keyframes, in order.
+  std::vector<MapId> maps() const;
+  /// Two maps are found to be of one place: keyframes and points of `from` move into the frame of `into`, and
+  /// its tree hangs on below `parent`, from `child` on, the way up from there turned round. `from` is empty
+  /// then.
+  /// @param child of `from` @param parent of `into` @param T_into_from between the frames of the two
+  void join_maps(KeyframeId child, KeyframeId parent, const SE3d& T_into_from);
 
   /// Takes a keyframe over; `id`, `points` and `covisible` are set here. A parent must live and be of the
   /// same map.
@@ -55,7 +81,10 @@ class Map {
   /// World to camera of a keyframe; of a removed one through the keyframe that was its parent, as it stood to
   /// it then.
   SE3d T_camera_world(KeyframeId id) const;
+  /// What is kept of a removed keyframe; null for any other.
+  const RemovedKeyframe* find_removed(KeyframeId id) const;
   void set_pose(KeyframeId id, const SE3d& T_camera_world) { at(id).T_camera_world = T_camera_world; }
+  void set_covariance(KeyframeId id, const Mat6<double>& covariance) { at(id).covariance = covariance; }
   void set_position(PointId id, const Vec3<double>& p_world) { at(id).p_world = p_world; }
   void set_appearance(PointId id, const OrbDescriptor& descriptor, const Vec3<float>& normal,
                       float min_distance, float max_distance);
@@ -86,7 +115,8 @@ class Map {
   /// How many points two keyframes share.
   int shared_points(KeyframeId a, KeyframeId b) const;
 
-  /// The first invariant found broken, in words; nothing when all hold. Slow: for tests and debug builds.
+  /// The first invariant found broken, in words; nothing when all hold. Counts anew who shares
+  /// what with whom: for files, tests and debug builds.
   std::optional<std::string> broken_invariant() const;
 
  private:
@@ -97,13 +127,8 @@ class Map {
 
   std::vector<std::unique_ptr<Keyframe>> keyframes_;  // by id
   std::vector<std::unique_ptr<MapPoint>> points_;     // by id
-  struct Removed {
-    KeyframeId parent;
-    SE3d T_camera_parent;
-  };
-
   std::unordered_map<PointId, PointId> merged_into_;
-  std::unordered_map<KeyframeId, Removed> removed_;
+  std::unordered_map<KeyframeId, RemovedKeyframe> removed_;
   std::size_t live_keyframes_ = 0;
   std::size_t live_points_ = 0;
   std::uint32_t map_count_ = 0;
