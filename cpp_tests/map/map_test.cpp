@@ -248,3 +248,40 @@ TEST_CASE("odometry that comes from nowhere or from another map is a broken inva
   keyframe.odometry = OdometryEdge{a, {}};
   CHECK(broken(map, keyframe));
 }
+
+TEST_CASE("joined maps are one tree, and what was seen is where it was seen") {
+  Map map;
+  const MapId a = map.add_map(), b = map.add_map();
+  const auto add = [&](MapId id, KeyframeId parent, double x) {
+    Keyframe keyframe = blank_keyframe(id, parent);
+    keyframe.T_camera_world = SE3d::exp(Vec6<double>{x, 0.2, -0.1, 0.1 * x, 0.3, -0.2});
+    return map.add_keyframe(keyframe);
+  };
+  const KeyframeId a0 = add(a, {}, 0), a1 = add(a, a0, 1);
+  const KeyframeId b0 = add(b, {}, 2), b1 = add(b, b0, 3), gone = add(b, b1, 3.5), b2 = add(b, b1, 4);
+  const KeyframeId b3 = add(b, b0, 5);
+  const PointId in_a = map.add_point({1, 2, 3}, a1, 0), in_b = map.add_point({4, 5, 6}, b2, 0);
+  map.add_observation(in_b, b3, 1);
+  map.remove_keyframe(gone);
+  CHECK(map.maps() == std::vector<MapId>{a, b});
+
+  const SE3d T_a_b = SE3d::exp(Vec6<double>{1, 2, 3, 0.4, -0.5, 0.6});
+  const Vec3<double> seen_before = map.T_camera_world(b2) * map.point(in_b).p_world;
+  const SE3d between_before = map.T_camera_world(gone) * map.T_camera_world(b0).inverse();
+  const SE3d T_b2_b = map.T_camera_world(b2);
+  map.join_maps(b2, a1, T_a_b);
+
+  CHECK_FALSE(map.broken_invariant());
+  CHECK(map.maps() == std::vector<MapId>{a});
+  CHECK(map.keyframe(b2).parent == a1);
+  CHECK(map.keyframe(b1).parent == b2);
+  CHECK(map.keyframe(b0).parent == b1);
+  CHECK(map.keyframe(b3).parent == b0);
+  CHECK((map.T_camera_world(b2) * map.point(in_b).p_world - seen_before).norm() < 1e-12);
+  CHECK((map.T_camera_world(b2) * T_a_b * T_b2_b.inverse()).log().norm() < 1e-12);
+  CHECK(
+      (map.T_camera_world(gone) * map.T_camera_world(b0).inverse() * between_before.inverse()).log().norm() <
+      1e-12);
+  CHECK(map.point(in_a).p_world == Vec3<double>(1, 2, 3));
+  CHECK_THROWS_AS(map.join_maps(b2, a1, SE3d()), Error);
+}
