@@ -1,0 +1,353 @@
+// SPDX-FileCopyrightText: The sweepkit authors
+// SPDX-License-Identifier: Apache-2.0
+#include "sweepkit/floor/ground_plane_estimator.hpp"
+
+#include <Eigen/Cholesky>
+#include <Eigen/LU>
+#include <cmath>
+#include <numbers>
+#include <vector>
+
+#include "ground_plane_fit.hpp"
+
+namespace sweepkit {
+
+namespace {
+
+using impl::SlopeFit;
+using Vec7 = Eigen::Matrix<double, 7, 1>;
+using Mat7 = Eigen::Matrix<double, 7, 7>;
+using Mat37 = Eigen::Matrix<double, 3, 7>;
+
+constexpr double kDegree = std::numbers::pi / 180.0;
+constexpr double kMinDisparity = 2.0;  // a floor farther than that is left out [px]
+constexpr double kGate = 4.0;          // standard deviations within which a pixel may be floor
+constexpr double kInlier = 3.0;        // the same, once the plane is known
+constexpr double kSurface = 0.012;     // other surfaces are looked for so far above and below the floor [m]
+constexpr double kOtherShare = 1.5;    // times as many pixels make another surface the better one
+constexpr double kMountingDrift = 0.002 * kDegree;  // of pitch and roll [rad / sqrt(s)]
+constexpr double kHeightDrift = 1e-5;               // [m / sqrt(s)]
+
+double square(double x) { return x * x; }
+
+// d slope / d (pitch, roll, height), with slope = scale * down / height.
+Mat3<double> slope_by_angles(const Vec3<double>& slope, double scale) {
+  const double norm = slope.norm();
+  const Vec3<double> n = slope / norm;
+  const double sp = n.z(), cp = std::hypot(n.x(), n.y());
+  const double sr = n.x() / cp, cr = n.y() / cp;
+  Mat3<double> J;
+  J.col(0) = norm * Vec3<double>(-sp * sr, -sp * cr, cp);
+  J.col(1) = norm * Vec3<double>(cp * cr, -cp * sr, 0.0);
+  J.col(2) = -slope * (norm / scale);
+  return J;
+}
+
+Mat3<double> from_angles(const Vec3<double>& slope, double scale, double angle, double height) {
+  const Mat3<double> J = slope_by_angles(slope, scale);
+  const Vec3<double> variance(square(angle), square(angle), square(height));
+  return J * variance.asDiagonal() * J.transpose();
+}
+
+// One pixel of either kind of image, in px; not positive if it is invalid.
+inline float disparity_of(std::int16_t value) { return static_cast<float>(value) * (1.0f / 16.0f); }
+inline float disparity_of(float value) { return value < 1e6f ? value : 0.0f; }
+
+}  // namespace
+
+GroundPlaneSeed GroundPlaneSeed::from_base(const SE3d& T_base_camera) {
+  GroundPlaneSeed seed;
+  seed.plane.down_camera = T_base_camera.rotation().inverse() * Vec3<double>(0.0, 0.0, -1.0);
+  seed.plane.height = T_base_camera.translation().z();
+  seed.wheels_camera = T_base_camera.inverse().translation();
+  require(seed.plane.height > 0, "GroundPlaneSeed::from_base T_base_camera", "must be above the floor",
+          seed.plane.height);
+  return seed;
+}
+
+GroundPlaneSeed GroundPlaneSeed::from_height(const Vec3<double>& down_camera, double height) {
+  const double norm = down_camera.norm();
+  require(std::isfinite(norm) && norm > 0, "GroundPlaneSeed::from_height down_camera", "must be a direction",
+          norm);
+  require(std::isfinite(height) && height > 0, "GroundPlaneSeed::from_height height", "must be positive",
+          height);
+  return {{down_camera / norm, height}, down_camera * (height / norm)};
+}
+
+struct GroundPlaneEstimator::State {
+  RectifiedCamera camera;
+  GroundPlaneSeed seed;
+  GroundPlaneOptions options;
+  double scale;  // focal * baseline
+
+  // mounting (3), tilt (3) and the common error of disparities: the image shows mounting + tilt + (0, 0,
+  // bias).
+  Vec7 x;
+  Mat7 P;
+  double climb = 0.0, climb_variance = 0.0;  // of the wheels since the floor was seen [m]
+  impl::FloorSamples samples, near;
+  std::vector<float> scratch;
+
+  void reset();
+  Vec3<double> slope() const { return x.head<3>() + x.segment<3>(3); }
+  Mat3<double> slope_covariance() const {
+    return P.topLeftCorner<3, 3>() + P.block<3, 3>(0, 3) + P.block<3, 3>(3, 0) + P.block<3, 3>(3, 3);
+  }
+  GroundPlane plane(const Vec3<double>& s) const {
+    const double norm = s.norm();
+    return {s / norm, scale / norm};
+  }
+  Mat3<double> ride() const {
+    return from_angles(x.head<3>(), scale, options.ride_angle * kDegree, options.ride_height);
+  }
+  bool predict(const GroundPlaneStep& step);
+  void forget_tilt();
+  template <int N>
+  void update(const Eigen::Matrix<double, N, 7>& H, const Eigen::Matrix<double, N, 1>& innovation,
+              const Eigen::Matrix<double, N, N>& R) {
+    const Eigen::Matrix<double, N, N> S = H * P * H.transpose() + R;
+    const Eigen::Matrix<double, 7, N> K = S.ldlt().solve(H * P).transpose();
+    x += K * innovation;
+    const Mat7 A = Mat7::Identity() - K * H;
+    P = (A * P * A.transpose() + K * R * K.transpose()).eval();
+  }
+  void look_down(const GroundPlaneStep::Vertical& vertical);
+  template <class T>
+  int collect(View2d<const T> disparity);
+  template <class T>
+  GroundPlaneResult estimate(View2d<const T> disparity, const GroundPlaneStep& step);
+  void measure(GroundPlaneResult& result);
+};
+
+void GroundPlaneEstimator::State::reset() {
+  const Vec3<double> s = scale / seed.plane.height * seed.plane.down_camera.normalized();
+  x.setZero();
+  x.head<3>() = s;
+  P.setZero();
+  P.topLeftCorner<3, 3>() = from_angles(s, scale, options.mounting_angle * kDegree, options.mounting_height);
+  P.block<3, 3>(3, 3) = ride();
+  P(6, 6) = square(options.disparity_bias);
+  climb = climb_variance = 0.0;
+}
+
+void GroundPlaneEstimator::State::forget_tilt() {
+  x.segment<3>(3).setZero();
+  P.block<3, 7>(3, 0).setZero();
+  P.block<7, 3>(0, 3).setZero();
+  P.block<3, 3>(3, 3) = ride();
+}
+
+// Returns whether the robot may stand on a floor.
+bool GroundPlaneEstimator::State::predict(const GroundPlaneStep& step) {
+  const double fade = std::exp(-step.seconds / options.settle_time);
+  Mat7 F = Mat7::Identity(), Q = Mat7::Zero();
+  F.block<3, 3>(3, 3) *= fade;
+  Q.topLeftCorner<3, 3>() = from_angles(x.head<3>(), scale, kMountingDrift * std::sqrt(step.seconds),
+                                        kHeightDrift * std::sqrt(step.seconds));
+  Q.block<3, 3>(3, 3) = (1.0 - fade * fade) * ride();
+  Vec7 next = x;
+  next.segment<3>(3) *= fade;
+  if (step.motion) {
+    const SE3d& T = step.motion->T_now_before;
+    const Vec3<double> s = slope();
+    const GroundPlane before = plane(s);
+    // The plane turns about the wheels: they stay as far from it as they were.
+    const Vec3<double> down = T.rotation() * before.down_camera;
+    const double sunk = (down - before.down_camera).dot(seed.wheels_camera);
+    const double height = before.height + sunk;
+    if (!(height > 0.1 * before.height)) {
+      forget_tilt();
+      return false;
+    }
+    const Mat3<double> turn = (before.height / height) * T.rotation().matrix();
+    next.segment<3>(3) = fade * (scale / height * down - x.head<3>());
+    F.block<3, 3>(3, 0) = fade * (turn - Mat3<double>::Identity());
+    F.block<3, 3>(3, 3) = fade * turn;
+    const Mat3<double> J = turn * SO3d::hat(s);  // slope by a rotation on the right, up to its sign
+    Q.block<3, 3>(3, 3) += J * step.motion->covariance.bottomRightCorner<3, 3>() * J.transpose();
+    climb += down.dot(T.translation()) - sunk;
+    climb_variance +=
+        before.down_camera.dot(step.motion->covariance.topLeftCorner<3, 3>() * before.down_camera);
+  }
+  x = next;
+  P = (F * P * F.transpose() + Q).eval();
+  if (step.vertical) look_down(*step.vertical);
+  const double cos_tilt = x.head<3>().normalized().dot(slope().normalized());
+  const bool standing = cos_tilt > std::cos(options.max_tilt * kDegree) &&
+                        std::abs(climb) - 3.0 * std::sqrt(climb_variance) < options.max_climb;
+  if (!standing) forget_tilt();
+  return standing;
+}
+
+void GroundPlaneEstimator::State::look_down(const GroundPlaneStep::Vertical& vertical) {
+  const Vec3<double> down = vertical.down_camera.normalized();
+  const Vec3<double> s = slope();
+  const double norm = s.norm();
+  const Vec3<double> n = s / norm;
+  Eigen::Matrix<double, 2, 3> across;
+  across.row(0) = n.unitOrthogonal();
+  across.row(1) = n.cross(Vec3<double>(across.row(0)));
+  Eigen::Matrix<double, 2, 7> H = Eigen::Matrix<double, 2, 7>::Zero();
+  H.leftCols<3>() = across / norm;
+  H.middleCols<3>(3) = H.leftCols<3>();
+  const double variance = square(vertical.sigma) + square(options.floor_slope * kDegree);
+  update<2>(H, across * down, variance * Eigen::Matrix2d::Identity());
+}
+
+// Fills `samples` with what may be a floor or a surface a little above or below it. Returns how many pixels
+// had a disparity where a floor can be.
+template <class T>
+int GroundPlaneEstimator::State::collect(View2d<const T> disparity) {
+  samples.clear();
+  int valid = 0;
+  const Vec3<double> s = slope();
+  const Mat3<double> search =
+      slope_covariance() + from_angles(s, scale, options.mounting_angle * kDegree, kSurface / kGate * 1.5);
+  const double noise = square(options.disparity_noise) + P(6, 6);
+  const double inverse = 1.0 / camera.focal;
+  for (int v = options.step_v / 2; v < disparity.height; v += options.step_v) {
+    const T* row = disparity.row(v);
+    const double y = (v - camera.cy) * inverse;
+    for (int u = options.step_u / 2; u < disparity.width; u += options.step_u) {
+      const double x = (u - camera.cx) * inverse;
+      const Vec3<double> ray(x, y, 1.0);
+      const double floor = s.dot(ray);
+      if (floor < kMinDisparity) continue;
+      const float d = disparity_of(row[u]);
+      if (!(d > 0.0f)) continue;
+      ++valid;
+      if (square(d - floor) < square(kGate) * (ray.dot(search * ray) + noise))
+        samples.add(static_cast<float>(x), static_cast<float>(y), d);
+    }
+  }
+  return valid;
+}
+
+void GroundPlaneEstimator::State::measure(GroundPlaneResult& result) {
+  const auto stop = [&](GroundPlaneState state, GroundPlaneReason reason) {
+    result.state = state;
+    result.reason = reason;
+  };
+  if (static_cast<int>(samples.size()) < options.min_pixels)
+    return stop(GroundPlaneState::predicted, GroundPlaneReason::no_floor);
+
+  const Vec3<double> s = slope();
+  Mat3<double> expected = slope_covariance();
+  expected(2, 2) += P(6, 6);
+  const double noise = options.disparity_noise;
+  near.clear();
+  for (std::size_t i = 0; i < samples.size(); ++i) {
+    const Vec3<double> ray(samples.x[i], samples.y[i], 1.0);
+    if (square(samples.d[i] - s.dot(ray)) < square(kGate) * (ray.dot(expected * ray) + square(noise)))
+      near.add(samples.x[i], samples.y[i], samples.d[i]);
+  }
+  const Vec3<double> other = consensus_slope(samples, kInlier * noise, options.hypotheses, s);
+  const int other_count = count_near(samples, other, kInlier * noise);
+
+  const impl::SlopePrior prior{s, expected.inverse()};
+  std::optional<SlopeFit> fit;
+  if (static_cast<int>(near.size()) >= options.min_pixels) {
+    const Vec3<double> start = consensus_slope(near, kInlier * noise, options.hypotheses, s);
+    fit = refine_slope(near, start, noise, options.correlation, &prior, scratch);
+  }
+  result.inliers = fit ? fit->inliers : 0;
+  result.noise = fit ? fit->noise : 0.0;
+  const int count = fit ? count_near(samples, fit->slope, kInlier * noise) : 0;
+  const bool other_better =
+      other_count >= options.min_pixels && other_count > kOtherShare * std::max(count, 1);
+  if (!fit || fit->inliers < options.min_pixels ||
+      count < options.min_share * static_cast<double>(samples.size())) {
+    if (other_better) return stop(GroundPlaneState::refused, GroundPlaneReason::other_surface);
+    return stop(GroundPlaneState::predicted, GroundPlaneReason::no_floor);
+  }
+
+  const Eigen::LDLT<Mat3<double>> information(fit->information);
+  if (!(information.rcond() > 1e-9)) return stop(GroundPlaneState::predicted, GroundPlaneReason::too_narrow);
+  const Mat3<double> R = information.solve(Mat3<double>::Identity());
+  const Vec3<double> measured = information.solve(fit->weighted_sum);
+  const Mat3<double> by_slope = slope_by_angles(s, scale).inverse();
+  const Vec3<double> spread = (by_slope * R * by_slope.transpose()).diagonal().cwiseSqrt();
+  if (!(spread.head<2>().maxCoeff() < options.max_angle_error * kDegree) ||
+      !(spread.z() < options.max_height_error))
+    return stop(GroundPlaneState::predicted, GroundPlaneReason::too_narrow);
+  if (other_better) return stop(GroundPlaneState::refused, GroundPlaneReason::other_surface);
+
+  Mat37 H;
+  H << Mat3<double>::Identity(), Mat3<double>::Identity(), Vec3<double>::UnitZ();
+  const Vec3<double> innovation = measured - H * x;
+  const Mat3<double> S = H * P * H.transpose() + R;
+  if (!(innovation.dot(S.ldlt().solve(innovation)) < options.consistency))
+    return stop(GroundPlaneState::refused, GroundPlaneReason::contradiction);
+  update<3>(H, innovation, R);
+  climb = climb_variance = 0.0;
+  stop(GroundPlaneState::measured, GroundPlaneReason::none);
+}
+
+template <class T>
+GroundPlaneResult GroundPlaneEstimator::State::estimate(View2d<const T> disparity,
+                                                        const GroundPlaneStep& step) {
+  require(std::isfinite(step.seconds) && step.seconds > 0, "GroundPlaneEstimator::estimate step.seconds",
+          "must be positive", step.seconds);
+  if (step.motion) {
+    const double sum = step.motion->T_now_before.matrix().sum() + step.motion->covariance.sum();
+    require(std::isfinite(sum), "GroundPlaneEstimator::estimate step.motion", "must be finite", sum);
+  }
+  if (step.vertical) {
+    const double norm = step.vertical->down_camera.norm() * (1.0 + square(step.vertical->sigma));
+    require(std::isfinite(norm) && norm > 0, "GroundPlaneEstimator::estimate step.vertical",
+            "must be a direction", norm);
+  }
+  const bool standing = predict(step);
+  GroundPlaneResult result;
+  result.pixels = collect(disparity);
+  if (result.pixels < options.min_pixels) {
+    result.reason = GroundPlaneReason::no_disparity;
+  } else {
+    measure(result);
+  }
+  if (!standing && !result.measured()) {
+    result.state = GroundPlaneState::predicted;
+    result.reason = GroundPlaneReason::lifted;
+  }
+  const Vec3<double> s = slope();
+  result.plane = plane(s);
+  const Mat3<double> by_slope = slope_by_angles(s, scale).inverse();
+  result.covariance = by_slope * slope_covariance() * by_slope.transpose();
+  return result;
+}
+
+GroundPlaneEstimator::GroundPlaneEstimator(const RectifiedCamera& camera, const GroundPlaneSeed& seed,
+                                           const GroundPlaneOptions& options)
+    : state_(std::make_unique<State>()) {
+  check_options(options);
+  const double scale = camera.focal * camera.baseline;
+  require(std::isfinite(scale) && camera.focal > 0 && camera.baseline > 0, "GroundPlaneEstimator camera",
+          "must have a focal length and a baseline", scale);
+  require(std::isfinite(seed.plane.height) && seed.plane.height > 0, "GroundPlaneEstimator seed",
+          "must have a height", seed.plane.height);
+  const double direction = seed.plane.down_camera.norm() + 0.0 * seed.wheels_camera.sum();
+  require(std::isfinite(direction) && std::abs(direction - 1.0) < 1e-6, "GroundPlaneEstimator seed",
+          "must have a unit normal", direction);
+  state_->camera = camera;
+  state_->seed = seed;
+  state_->options = options;
+  state_->scale = scale;
+  state_->reset();
+}
+
+GroundPlaneEstimator::~GroundPlaneEstimator() = default;
+GroundPlaneEstimator::GroundPlaneEstimator(GroundPlaneEstimator&&) noexcept = default;
+GroundPlaneEstimator& GroundPlaneEstimator::operator=(GroundPlaneEstimator&&) noexcept = default;
+
+GroundPlaneResult GroundPlaneEstimator::estimate(View2d<const std::int16_t> disparity,
+                                                 const GroundPlaneStep& step) {
+  return state_->estimate(disparity, step);
+}
+GroundPlaneResult GroundPlaneEstimator::estimate(View2d<const float> disparity, const GroundPlaneStep& step) {
+  return state_->estimate(disparity, step);
+}
+
+GroundPlane GroundPlaneEstimator::mounting() const { return state_->plane(state_->x.head<3>()); }
+void GroundPlaneEstimator::reset() { state_->reset(); }
+
+}  // namespace sweepkit
