@@ -1,0 +1,238 @@
+// SPDX-FileCopyrightText: The sweepkit authors
+// SPDX-License-Identifier: Apache-2.0
+#include "sweepkit/slam/place_recognition.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <numbers>
+#include <utility>
+
+namespace sweepkit {
+namespace {
+
+constexpr double kDegree = std::numbers::pi / 180;
+// Keyframes farther away than this, or turned by more, do not show what a pose looks at.
+constexpr double kNearDistance = 2.5;    // [m]
+constexpr double kNearAngle = 50;        // [deg]
+constexpr double kAngleForMetre = 60;    // how much turn is as bad as a metre [deg]
+constexpr int kEnoughPredicted = 60;     // points in view, of which some must be found
+constexpr double kSameFrameTime = 0.15;  // frames nearer in time that did not move say the same [s]
+constexpr double kSameFrameDistance = 0.03, kSameFrameAngle = 3;  // [m], [deg]
+
+double degrees(const SE3d& T) { return T.rotation().angle() / kDegree; }
+
+Vec3<double> center(const SE3d& T_camera_world) { return T_camera_world.inverse().translation(); }
+
+// The keyframe of a map whose view is most like that from a pose; none if none is like it.
+KeyframeId nearest_view(const Map& map, MapId id, const SE3d& T_camera_world, KeyframeId self) {
+  KeyframeId best;
+  double least = 1e300;
+  const Vec3<double> c = center(T_camera_world);
+  const Vec3<double> forward = T_camera_world.rotation().inverse() * Vec3<double>::UnitZ();
+  for (std::uint32_t i = 0; i < map.keyframe_id_end(); ++i) {
+    const Keyframe* keyframe = map.find(KeyframeId{i});
+    if (!keyframe || keyframe->map != id || keyframe->blind()) continue;
+    if (self.valid() && (keyframe->id == self || map.shared_points(keyframe->id, self) > 0)) continue;
+    const double distance = (center(keyframe->T_camera_world) - c).norm();
+    if (distance > kNearDistance) continue;
+    const Vec3<double> other = keyframe->T_camera_world.rotation().inverse() * Vec3<double>::UnitZ();
+    const double angle = std::atan2(forward.cross(other).norm(), forward.dot(other)) / kDegree;
+    if (angle > kNearAngle) continue;
+    const double cost = distance + angle / kAngleForMetre;
+    if (cost < least) {
+      least = cost;
+      best = keyframe->id;
+    }
+  }
+  return best;
+}
+
+}  // namespace
+
+PlaceRecognizer::PlaceRecognizer(const RectifiedCamera& camera, const StereoRig::Bounds& view,
+                                 const ScaleLevels& levels, std::shared_ptr<const OrbVocabulary> vocabulary,
+                                 const PlaceRecognizerOptions& options)
+    : options_(options),
+      database_(std::move(vocabulary), options.database),
+      verifier_(camera, view, levels, options.verifier) {
+  check_options(options_);
+}
+
+void PlaceRecognizer::reject(PlaceRejection rejection) {
+  ++counts_.rejected[static_cast<std::size_t>(rejection)];
+  last_ = std::max(last_, rejection);
+}
+
+void PlaceRecognizer::forget() { seen_.clear(); }
+
+bool PlaceRecognizer::same_place(const SE3d& T_a_world, const SE3d& T_b_world, double travelled) const {
+  const SE3d T_a_b = T_a_world * T_b_world.inverse();
+  return T_a_b.translation().norm() <= options_.consistent_distance + options_.drift * travelled &&
+         degrees(T_a_b) <= options_.consistent_angle;
+}
+
+std::optional<PlaceMatch> PlaceRecognizer::best_candidate(const Map& map, const PlaceImage& image,
+                                                          PlaceHints hints, MapId own_map) {
+  ++counts_.queries;
+  last_ = PlaceRejection::none;
+  const std::optional<PlacePrior> prior = hints.prior;
+  std::vector<PlaceMatch> verified;
+  for (const PlaceGroup& group : database_.candidates(image, map)) {
+    ++counts_.candidates;
+    hints.prior = group.map == own_map ? prior : std::nullopt;
+    PlaceCheck check = verifier_.verify(image, map, database_, group.best, hints);
+    if (check.ok())
+      verified.push_back(std::move(check.match));
+    else
+      reject(check.rejection);
+  }
+  if (verified.empty()) return std::nullopt;
+  const auto best = std::max_element(verified.begin(), verified.end(), [](const auto& a, const auto& b) {
+    return a.pairs.size() < b.pairs.size();
+  });
+  for (const PlaceMatch& other : verified)
+    if (other.map == best->map && !same_place(other.T_camera_world, best->T_camera_world, 0) &&
+        static_cast<double>(other.pairs.size()) >=
+            options_.rival_share * static_cast<double>(best->pairs.size())) {
+      reject(PlaceRejection::ambiguous);
+      return std::nullopt;
+    }
+  return *best;
+}
+
+PlaceRecognizer::Witness PlaceRecognizer::ask(const Map& map, const PlaceImage& image,
+                                              const SE3d& T_camera_world, MapId target, double travelled,
+                                              const PlaceHints& hints) {
+  const KeyframeId near = nearest_view(map, target, T_camera_world, image.keyframe);
+  if (!near.valid()) return Witness::silent;
+  const PlaceCheck check = verifier_.verify_at(image, map, near, T_camera_world, hints);
+  if (check.ok())
+    return same_place(check.match.T_camera_world, T_camera_world, travelled) ? Witness::confirms
+                                                                             : Witness::denies;
+  if (check.rejection == PlaceRejection::contradicted) return Witness::denies;
+  const bool empty_view = check.match.predicted < kEnoughPredicted ||
+                          image.measurements.size() < static_cast<std::size_t>(kEnoughPredicted);
+  const bool nothing_found = check.rejection == PlaceRejection::few_inliers ||
+                             check.rejection == PlaceRejection::not_seen ||
+                             check.rejection == PlaceRejection::inlier_share;
+  return !empty_view && nothing_found ? Witness::denies : Witness::silent;
+}
+
+bool PlaceRecognizer::convinced(const std::vector<SE3d>& confirming, int denials, PlaceMatch& match) {
+  match.confirmations = static_cast<int>(confirming.size());
+  if (denials > 0 && 3 * denials >= match.confirmations) {
+    reject(PlaceRejection::inconsistent);
+    return false;
+  }
+  double travel = 0, turn = 0;
+  for (const SE3d& a : confirming)
+    for (const SE3d& b : confirming) {
+      travel = std::max(travel, (center(a) - center(b)).norm());
+      turn = std::max(turn, degrees(a * b.inverse()));
+    }
+  if (match.confirmations < options_.confirmations ||
+      (travel < options_.min_travel && turn < options_.min_turn)) {
+    reject(PlaceRejection::unconfirmed);
+    return false;
+  }
+  ++counts_.accepted;
+  return true;
+}
+
+std::optional<PlaceMatch> PlaceRecognizer::feed(const Map& map, KeyframeId id, const Vec3<double>* gravity) {
+  const Keyframe& keyframe = map.keyframe(id);
+  if (keyframe.blind()) return std::nullopt;
+  const PlaceImage image = database_.image(keyframe);
+  database_.add(image);
+  PlaceHints hints;
+  if (gravity) {
+    hints.gravity_world = *gravity;
+    hints.gravity_camera = keyframe.T_camera_world.rotation() * *gravity;
+  }
+  hints.prior = PlacePrior{keyframe.T_camera_world, keyframe.covariance};
+  auto match = best_candidate(map, image, hints, keyframe.map);
+  if (!match) return std::nullopt;
+
+  // What this match says of all keyframes around, those must not contradict.
+  const SE3d T_own_target = keyframe.T_camera_world.inverse() * match->T_camera_world;
+  std::vector<SE3d> confirming{match->T_camera_world};
+  int denials = 0, asked = 0;
+  for (std::uint32_t i = id.value; i-- > 0 && asked < options_.history;) {
+    const Keyframe* other = map.find(KeyframeId{i});
+    if (!other || other->map != keyframe.map || other->blind()) continue;
+    if (to_seconds(keyframe.t - other->t) > options_.history_time) break;
+    ++asked;
+    const SE3d T_predicted = other->T_camera_world * T_own_target;
+    PlaceHints other_hints;
+    if (gravity) {
+      other_hints.gravity_world = *gravity;
+      other_hints.gravity_camera = other->T_camera_world.rotation() * *gravity;
+    }
+    const double travelled = (center(other->T_camera_world) - center(keyframe.T_camera_world)).norm();
+    const Witness witness =
+        ask(map, database_.image(*other), T_predicted, match->map, travelled, other_hints);
+    if (witness == Witness::confirms) confirming.push_back(T_predicted);
+    denials += witness == Witness::denies;
+  }
+  if (!convinced(confirming, denials, *match)) return std::nullopt;
+  return match;
+}
+
+std::optional<PlaceMatch> PlaceRecognizer::locate(const Map& map, const StereoFrame& frame,
+                                                  const Vec3<double>* gravity_camera,
+                                                  const Vec3<double>* gravity_world,
+                                                  const SE3d* T_camera_odom) {
+  Seen now{.image = database_.image(frame), .T_camera_odom = {}, .gravity_camera = {}, .match = {}};
+  if (T_camera_odom) now.T_camera_odom = *T_camera_odom;
+  if (gravity_camera) now.gravity_camera = *gravity_camera;
+  PlaceHints hints;
+  if (gravity_world) hints.gravity_world = *gravity_world;
+  hints.gravity_camera = now.gravity_camera;
+  now.match = best_candidate(map, now.image, hints, MapId{});
+  while (!seen_.empty() && (to_seconds(now.image.t - seen_.front().image.t) > options_.history_time ||
+                            seen_.front().image.t > now.image.t))
+    seen_.pop_front();
+  std::optional<PlaceMatch> match = now.match;
+  if (match) {
+    std::vector<SE3d> confirming{match->T_camera_world};
+    int denials = 0;
+    for (const Seen& other : seen_) {
+      if (now.T_camera_odom && other.T_camera_odom) {
+        const SE3d T_other_now = *other.T_camera_odom * now.T_camera_odom->inverse();
+        hints.gravity_camera = other.gravity_camera;
+        const SE3d T_predicted = T_other_now * match->T_camera_world;
+        const Witness witness =
+            ask(map, other.image, T_predicted, match->map, T_other_now.translation().norm(), hints);
+        if (witness == Witness::confirms) confirming.push_back(T_predicted);
+        denials += witness == Witness::denies;
+      } else if (other.match && other.match->map == match->map) {
+        const double dt = to_seconds(now.image.t - other.image.t);
+        const SE3d T_now_other = match->T_camera_world * other.match->T_camera_world.inverse();
+        if (T_now_other.translation().norm() <= options_.consistent_distance + options_.max_speed * dt &&
+            degrees(T_now_other) <= options_.consistent_angle + options_.max_turn_rate * dt)
+          confirming.push_back(other.match->T_camera_world);
+        else
+          ++denials;
+      }
+    }
+    if (!convinced(confirming, denials, *match)) match.reset();
+  }
+  remember(std::move(now));
+  return match;
+}
+
+void PlaceRecognizer::remember(Seen&& now) {
+  if (!seen_.empty()) {
+    Seen& last = seen_.back();
+    bool moved = to_seconds(now.image.t - last.image.t) > kSameFrameTime;
+    if (now.T_camera_odom && last.T_camera_odom) {
+      const SE3d T = *now.T_camera_odom * last.T_camera_odom->inverse();
+      moved = T.translation().norm() > kSameFrameDistance || degrees(T) > kSameFrameAngle;
+    }
+    if (!moved) return;
+  }
+  seen_.push_back(std::move(now));
+  if (seen_.size() > static_cast<std::size_t>(options_.history)) seen_.pop_front();
+}
+
+}  // namespace sweepkit

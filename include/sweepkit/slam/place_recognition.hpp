@@ -1,0 +1,116 @@
+// SPDX-FileCopyrightText: The sweepkit authors
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <deque>
+#include <memory>
+#include <optional>
+#include <vector>
+
+#include "sweepkit/core/options.hpp"
+#include "sweepkit/slam/place_database.hpp"
+#include "sweepkit/slam/place_verification.hpp"
+
+namespace sweepkit {
+
+struct PlaceRecognizerOptions {
+  PlaceDatabaseOptions database;
+  PlaceVerifierOptions verifier;
+  int confirmations = 3;
+  int history = 10;
+  double history_time = 20;
+  double min_travel = 0.1;
+  double min_turn = 10;
+  double drift = 0.05;
+  double consistent_distance = 0.1;
+  double consistent_angle = 3;
+  double max_speed = 1;
+  double max_turn_rate = 180;
+  double rival_share = 0.4;
+
+  template <class Visitor>
+  void visit_options(Visitor& v) {
+    v.group(database, "database", "which keyframes look alike");
+    v.group(verifier, "verifier", "whether they show the same place");
+    v(confirmations, "confirmations", "images", range(1, 100),
+      "images that must say so, with motion between them that agrees");
+    v(history, "history", "images", range(1, 1000), "images before that are asked");
+    v(history_time, "history_time", "s", range(0.1, 1e6), "that are no older than this");
+    v(min_travel, "min_travel", "m", range(0, 100), "by how much these images must lie apart");
+    v(min_turn, "min_turn", "deg", range(0, 360), "or be turned, between the two farthest of them");
+    v(drift, "drift", "", range(0, 1),
+      "by what share of the distance between images odometry between them may be wrong");
+    v(consistent_distance, "consistent_distance", "m", range(0, 100),
+      "by how much two places may differ that are the same, beside drift");
+    v(consistent_angle, "consistent_angle", "deg", range(0, 180), "and in rotation");
+    v(max_speed, "max_speed", "m/s", range(0, 100),
+      "how fast the camera may move between frames where no odometry says how");
+    v(max_turn_rate, "max_turn_rate", "deg/s", range(0, 10000), "and turn");
+    v(rival_share, "rival_share", "", range(0, 1),
+      "another place with so large a share of the best one's points makes it ambiguous");
+  }
+};
+
+/// Says of keyframes and frames where in the maps they were taken, once several agree: for loops (a keyframe
+/// in its own map), for joining (in another map) and for relocalization (a frame of no map). One thread at a
+/// time; deterministic.
+class PlaceRecognizer {
+ public:
+  /// Throws as PlaceDatabase does.
+  PlaceRecognizer(const RectifiedCamera& camera, const StereoRig::Bounds& view, const ScaleLevels& levels,
+                  std::shared_ptr<const OrbVocabulary> vocabulary,
+                  const PlaceRecognizerOptions& options = {});
+
+  /// Keyframes enter and leave here; feed() adds the one that it is fed.
+  PlaceDatabase& database() { return database_; }
+  const PlaceDatabase& database() const { return database_; }
+  const PlaceCounts& counts() const { return counts_; }
+  /// Why the last feed() or locate() gave nothing: of the candidate that came farthest.
+  PlaceRejection last_rejection() const { return last_; }
+
+  /// A new keyframe of the map: where it has been before, if it has. Adds it to the database. A place in its
+  /// own map is checked against the map's poses, whose covariance is that of both keyframes.
+  /// @param gravity which way gravity pulls in the keyframe's map and in all others (world axes), unit; null
+  ///   if not known
+  std::optional<PlaceMatch> feed(const Map& map, KeyframeId keyframe, const Vec3<double>* gravity = nullptr);
+
+  /// A frame that belongs to no map. Frames come in the order of time; each that moved on confirms or
+  /// contradicts what those before said.
+  /// @param gravity_camera which way gravity pulls in the rectified left camera, unit; null if not known
+  /// @param gravity_world the same in the maps
+  /// @param T_camera_odom where odometry says that the camera is, in any frame that stays; null without
+  std::optional<PlaceMatch> locate(const Map& map, const StereoFrame& frame,
+                                   const Vec3<double>* gravity_camera = nullptr,
+                                   const Vec3<double>* gravity_world = nullptr,
+                                   const SE3d* T_camera_odom = nullptr);
+  /// Forgets the frames that locate() has seen: call it when the robot was moved, or is found.
+  void forget();
+
+ private:
+  struct Seen {
+    PlaceImage image;
+    std::optional<SE3d> T_camera_odom;
+    std::optional<Vec3<double>> gravity_camera;
+    std::optional<PlaceMatch> match;  // verified on its own
+  };
+
+  enum class Witness { confirms, denies, silent };
+
+  std::optional<PlaceMatch> best_candidate(const Map& map, const PlaceImage& image, PlaceHints hints,
+                                           MapId own_map);
+  bool same_place(const SE3d& T_a_world, const SE3d& T_b_world, double travelled) const;
+  Witness ask(const Map& map, const PlaceImage& image, const SE3d& T_camera_world, MapId target,
+              double travelled, const PlaceHints& hints);
+  bool convinced(const std::vector<SE3d>& confirming, int denials, PlaceMatch& match);
+  void remember(Seen&& now);
+  void reject(PlaceRejection rejection);
+
+  PlaceRecognizerOptions options_;
+  PlaceDatabase database_;
+  PlaceVerifier verifier_;
+  PlaceCounts counts_;
+  PlaceRejection last_ = PlaceRejection::none;
+  std::deque<Seen> seen_;
+};
+
+}  // namespace sweepkit
