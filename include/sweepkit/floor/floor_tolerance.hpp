@@ -40,21 +40,16 @@ struct FloorNoise {
 };
 
 /// How far a disparity may lie off the floor's and still be floor, as a function of the floor's disparity f
-/// [px]: between min(f - noise(f), f * below) and max(f + noise(f), f * above), noise(f) = base + slope * f.
+/// [px], which counts as 0 above the horizon: max(base + slope * f, above * f) towards the camera and
+/// max(base + slope * f, below * f) away from it.
 struct FloorTolerance {
   double base = 0.0;   ///< [px]
   double slope = 0.0;  ///< [1]
-  double above = 1.0;  ///< a point at height y over the floor has h / (h - y) times the floor's disparity
-  double below = 1.0;  ///< one at depth y has h / (h + y) times it
+  double above = 0.0;  ///< y / (h - y) for points up to y over the floor, the camera being h over it
+  double below = 0.0;  ///< y / (h + y) for points down to y below the floor
 
-  double upper(double floor) const {
-    const double f = std::max(floor, 0.0);
-    return std::max(f + (base + slope * f), f * above);
-  }
-  double lower(double floor) const {
-    const double f = std::max(floor, 0.0);
-    return std::min(f - (base + slope * f), f * below);
-  }
+  double towards(double floor) const { return beyond(floor, above); }
+  double away(double floor) const { return beyond(floor, below); }
 
   /// The floor's disparity is focal baseline (down . r) / height: a tilt by e moves it by focal baseline e /
   /// height, an error of the height by its part of the height. These and the disparity's own errors are
@@ -70,9 +65,15 @@ struct FloorTolerance {
     t.base = noise.factor * far;
     t.slope = noise.factor * (near - far) / kNear;
     // At the camera's height and above, every disparity counts as higher.
-    t.above = plane.height / std::max(plane.height - noise.min_height, 1e-3 * plane.height);
-    t.below = plane.height / (plane.height + noise.min_depth);
+    t.above = noise.min_height / std::max(plane.height - noise.min_height, 1e-3 * plane.height);
+    t.below = noise.min_depth / (plane.height + noise.min_depth);
     return t;
+  }
+
+ private:
+  double beyond(double floor, double part) const {
+    const double f = std::max(floor, 0.0);
+    return std::max(base + slope * f, part * f);
   }
 };
 

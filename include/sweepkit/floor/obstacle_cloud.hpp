@@ -2,8 +2,10 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
+#include <algorithm>
 #include <cstddef>
 #include <cstdint>
+#include <limits>
 #include <span>
 #include <vector>
 
@@ -59,13 +61,26 @@ class PointList {
   std::size_t size_ = 0;
   std::vector<Vec3<float>> points_;
   std::vector<std::int32_t> pixels_;
+  std::vector<float> disparities_;  // of a row's points
 };
 
 namespace impl {
 
-inline bool is_chosen(FloorLabel label, CloudLabels chosen) {
-  return (label == FloorLabel::obstacle && chosen.obstacle) || (label == FloorLabel::hole && chosen.hole) ||
-         (label == FloorLabel::floor && chosen.floor);
+inline ChosenLabels chosen_labels(CloudLabels labels) {
+  ChosenLabels chosen;
+  const auto set = [&](FloorLabel label, bool wanted) {
+    chosen.of_label[static_cast<int>(label)] = wanted ? -1 : 0;
+  };
+  set(FloorLabel::floor, labels.floor);
+  set(FloorLabel::obstacle, labels.obstacle);
+  set(FloorLabel::hole, labels.hole);
+  return chosen;
+}
+
+template <DisparityPixel D>
+inline CloudRow cloud_row(const RectifiedCamera& camera, int v) {
+  return {static_cast<float>(camera.baseline) / kDisparityUnit<D>, static_cast<float>(camera.focal),
+          static_cast<float>(camera.cx), static_cast<float>(v - camera.cy)};
 }
 
 }  // namespace impl
@@ -73,38 +88,37 @@ inline bool is_chosen(FloorLabel label, CloudLabels chosen) {
 template <DisparityPixel D>
 void OrganisedCloud::build(View2d<const D> disparity, const RectifiedCamera& camera,
                            const FloorDisparity& floor, const FloorTolerance& tolerance, CloudLabels labels) {
-  mask_.resize(disparity.width, disparity.height);
-  for (auto& plane : planes_) plane.resize(disparity.width, disparity.height);
-  obstacle_mask(disparity, floor, tolerance, mask_.view());
-  const float baseline = static_cast<float>(camera.baseline), focal = static_cast<float>(camera.focal);
-  for (int v = 0; v < disparity.height; ++v)
-    for (int u = 0; u < disparity.width; ++u) {
-      const bool chosen = impl::is_chosen(static_cast<FloorLabel>(mask_(u, v)), labels);
-      const float scale =
-          chosen ? baseline / impl::disparity_px(disparity(u, v)) : std::numeric_limits<float>::quiet_NaN();
-      planes_[0](u, v) = scale * (static_cast<float>(u) - static_cast<float>(camera.cx));
-      planes_[1](u, v) = scale * (static_cast<float>(v) - static_cast<float>(camera.cy));
-      planes_[2](u, v) = scale * focal;
-    }
+  const int width = std::max(disparity.width, 0), height = std::max(disparity.height, 0);
+  mask_.resize(width, height);
+  for (auto& plane : planes_) plane.resize(width, height);
+  const impl::FloorRows floor_rows(floor, tolerance, kDisparityUnit<D>);
+  const impl::ChosenLabels chosen = impl::chosen_labels(labels);
+  for (int v = 0; v < height; ++v)
+    impl::planes_row(disparity.row(v), width, floor_rows.row(v), impl::cloud_row<D>(camera, v), chosen,
+                     mask_.row(v), {planes_[0].row(v), planes_[1].row(v), planes_[2].row(v)});
 }
 
 template <DisparityPixel D>
 void PointList::build(View2d<const D> disparity, const RectifiedCamera& camera, const FloorDisparity& floor,
                       const FloorTolerance& tolerance, CloudLabels labels) {
-  mask_.resize(disparity.width, disparity.height);
-  obstacle_mask(disparity, floor, tolerance, mask_.view());
-  const float baseline = static_cast<float>(camera.baseline), focal = static_cast<float>(camera.focal);
-  points_.clear();
-  pixels_.clear();
-  for (int v = 0; v < disparity.height; ++v)
-    for (int u = 0; u < disparity.width; ++u) {
-      if (!impl::is_chosen(static_cast<FloorLabel>(mask_(u, v)), labels)) continue;
-      const float scale = baseline / impl::disparity_px(disparity(u, v));
-      points_.emplace_back(scale * (static_cast<float>(u) - static_cast<float>(camera.cx)),
-                           scale * (static_cast<float>(v) - static_cast<float>(camera.cy)), scale * focal);
-      pixels_.push_back(v * disparity.width + u);
-    }
-  size_ = points_.size();
+  const int width = std::max(disparity.width, 0), height = std::max(disparity.height, 0);
+  const std::size_t room =
+      static_cast<std::size_t>(width) * static_cast<std::size_t>(height) + impl::kPointSlack;
+  require(room <= std::numeric_limits<std::int32_t>::max(), "PointList::build disparity",
+          "is too large to number its pixels", room);
+  mask_.resize(width, height);
+  if (points_.size() < room) {
+    points_.resize(room);
+    pixels_.resize(room);
+  }
+  disparities_.resize(static_cast<std::size_t>(width) + impl::kPointSlack);
+  const impl::FloorRows floor_rows(floor, tolerance, kDisparityUnit<D>);
+  const impl::ChosenLabels chosen = impl::chosen_labels(labels);
+  size_ = 0;
+  for (int v = 0; v < height; ++v)
+    size_ += impl::points_row(disparity.row(v), width, floor_rows.row(v), impl::cloud_row<D>(camera, v),
+                              chosen, v * width, mask_.row(v), disparities_.data(), pixels_.data() + size_,
+                              points_.data()->data() + 3 * size_);
 }
 
 }  // namespace sweepkit

@@ -11,7 +11,7 @@
 namespace sweepkit {
 
 /// What a disparity image may hold: float in pixels, or int16 in sixteenths of a pixel. Everywhere a value
-/// that is not positive, not a number or not finite says that the disparity is not known.
+/// that is not positive (below 1/1024 px), not a number or not finite says that the disparity is not known.
 template <class D>
 concept DisparityPixel = std::same_as<D, float> || std::same_as<D, std::int16_t>;
 
