@@ -1,0 +1,486 @@
+// SPDX-FileCopyrightText: The sweepkit authors
+// SPDX-License-Identifier: Apache-2.0
+#include "sweepkit/solve/pose_graph.hpp"
+
+#include <Eigen/Cholesky>
+#include <Eigen/Eigenvalues>
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <numeric>
+#include <string>
+#include <type_traits>
+
+#include "block_cholesky.hpp"
+#include "sweepkit/core/error.hpp"
+#include "sweepkit/solve/pose_graph_error.hpp"
+#include "sweepkit/solve/robust_loss.hpp"
+
+namespace sweepkit {
+namespace {
+
+constexpr double kGate6 = 22.457744484825;  // chi-square, 99.9 %, 6 degrees of freedom
+constexpr double kGate7 = 24.321886347857;  // and 7
+
+// What may move of a pose: how many numbers, how they move it, and their directions in its tangent space.
+template <class PoseType>
+struct FullFreedom {
+  using Pose = PoseType;
+  static constexpr int kSize = Pose::Tangent::RowsAtCompileTime;
+  using Step = typename Pose::Tangent;
+
+  Pose moved(const Pose& T_world_node, const Step& step) const { return T_world_node * Pose::exp(step); }
+  template <class Jacobian>
+  Jacobian along(const Pose&, const Jacobian& J) const {
+    return J;
+  }
+};
+
+struct YawFreedom {
+  using Pose = SE3d;
+  static constexpr int kSize = 4;
+  using Step = Eigen::Vector4d;
+
+  Vec3<double> up_world;
+
+  SE3d moved(const SE3d& T_world_node, const Step& step) const {
+    return move_level(T_world_node, step, up_world);
+  }
+  Eigen::Matrix<double, 6, 4> along(const SE3d& T_world_node, const Mat6<double>& J) const {
+    return J.lazyProduct(level_motion_basis(T_world_node, up_world));
+  }
+};
+
+std::string edge_place(std::size_t l) { return "solve_pose_graph edge " + std::to_string(l); }
+
+template <class Pose>
+bool is_finite(const Pose& T) {
+  return T.matrix().allFinite() && T.rotation().quaternion().coeffs().allFinite();
+}
+
+template <class Pose>
+void check(const BasicPoseGraph<Pose>& graph, const PoseGraphOptions& options) {
+  check_options(options);
+  const int size = static_cast<int>(graph.nodes.size());
+  for (std::size_t k = 0; k < graph.nodes.size(); ++k)
+    if (!is_finite(graph.nodes[k].T_world_node))
+      throw Error(ErrorKind::argument, "solve_pose_graph node " + std::to_string(k), "is not finite");
+  for (std::size_t l = 0; l < graph.edges.size(); ++l) {
+    const PoseGraphEdge<Pose>& edge = graph.edges[l];
+    for (const int node : {edge.i, edge.j})
+      if (node < 0 || node >= size)
+        throw Error(ErrorKind::argument, edge_place(l), "there is no such node", std::to_string(node));
+    if (edge.i == edge.j)
+      throw Error(ErrorKind::argument, edge_place(l), "leads from a node to itself", std::to_string(edge.i));
+    if (!is_finite(edge.T_i_j)) throw Error(ErrorKind::argument, edge_place(l), "is not finite");
+    if (!edge.information.allFinite())
+      throw Error(ErrorKind::argument, edge_place(l), "the information is not finite");
+    const double largest = edge.information.cwiseAbs().maxCoeff();
+    if ((edge.information - edge.information.transpose()).cwiseAbs().maxCoeff() > 1e-9 * largest)
+      throw Error(ErrorKind::argument, edge_place(l), "the information is not symmetric");
+    if (edge.information.llt().info() != Eigen::Success)
+      throw Error(ErrorKind::argument, edge_place(l), "the information is not positive definite");
+  }
+  if (options.freedom == PoseGraphFreedom::yaw) {
+    if (!std::is_same_v<Pose, SE3d>)
+      throw Error(ErrorKind::argument, "solve_pose_graph freedom", "yaw is for SE(3) only");
+    if (!(std::abs(graph.up_world.norm() - 1.0) < 1e-6))
+      throw Error(ErrorKind::argument, "solve_pose_graph up_world", "must be a unit vector",
+                  std::to_string(graph.up_world.norm()));
+  }
+}
+
+// The parts that edges make of the nodes: for each node the first one of its part.
+template <class Pose>
+std::vector<int> parts_of(const BasicPoseGraph<Pose>& graph) {
+  std::vector<int> first(graph.nodes.size());
+  std::iota(first.begin(), first.end(), 0);
+  const auto root = [&](int k) {
+    while (first[static_cast<std::size_t>(k)] != k) {
+      int& up = first[static_cast<std::size_t>(k)];
+      up = first[static_cast<std::size_t>(up)];
+      k = up;
+    }
+    return k;
+  };
+  for (const auto& edge : graph.edges) {
+    const int a = root(edge.i), b = root(edge.j);
+    first[static_cast<std::size_t>(std::max(a, b))] = std::min(a, b);
+  }
+  for (std::size_t k = 0; k < first.size(); ++k) first[k] = root(static_cast<int>(k));
+  return first;
+}
+
+template <class Freedom>
+class Solver {
+ public:
+  using Pose = typename Freedom::Pose;
+  using Graph = BasicPoseGraph<Pose>;
+  using Result = PoseGraphResult<Pose>;
+
+  Solver(const Graph& graph, const PoseGraphOptions& options, const Freedom& freedom,
+         const std::atomic<bool>* stop)
+      : graph_(graph),
+        options_(options),
+        freedom_(freedom),
+        stop_(stop),
+        gate_(options.gate * (kRows == 7 ? kGate7 : kGate6)) {
+    set_up();
+  }
+
+  Result solve() {
+    Result& r = result_;
+    weight_.assign(graph_.edges.size(), 1.0);
+    r.initial_cost = cost_of(x_);
+    r.contradiction.assign(graph_.edges.size(), 0.0);
+    r.converged = minimise();
+    const bool any_robust =
+        std::any_of(graph_.edges.begin(), graph_.edges.end(), [](const auto& e) { return e.robust; });
+    if (options_.loss == PoseGraphLoss::truncated && any_robust && free_ > 0) find_wrong_edges();
+    finish();
+    return std::move(r);
+  }
+
+ private:
+  static constexpr int kRows = Pose::Tangent::RowsAtCompileTime;
+  static constexpr int kSize = Freedom::kSize;
+  using Residual = typename Pose::Tangent;
+  using Jacobian = Eigen::Matrix<double, kRows, kRows>;
+  using EdgeJacobian = Eigen::Matrix<double, kRows, kSize>;
+  using Step = typename Freedom::Step;
+  using Slot = typename BlockCholesky<kSize>::Slot;
+
+  void set_up() {
+    Result& r = result_;
+    const std::size_t n = graph_.nodes.size();
+    const std::vector<int> part = parts_of(graph_);
+    std::vector<bool> anchored(n, false), held(n, false);
+    for (std::size_t k = 0; k < n; ++k)
+      if (graph_.nodes[k].fixed) anchored[static_cast<std::size_t>(part[k])] = true;
+    for (std::size_t k = 0; k < n; ++k) {
+      if (part[k] != static_cast<int>(k)) continue;
+      ++r.components;
+      if (anchored[k]) continue;
+      held[k] = true;
+      r.held.push_back(static_cast<int>(k));
+    }
+    variable_.assign(n, -1);
+    for (std::size_t k = 0; k < n; ++k)
+      if (!graph_.nodes[k].fixed && !held[k]) variable_[k] = free_++;
+    for (const auto& node : graph_.nodes) x_.push_back(node.T_world_node);
+
+    std::vector<std::pair<int, int>> pairs;
+    for (const auto& edge : graph_.edges)
+      if (variable(edge.i) >= 0 && variable(edge.j) >= 0)
+        pairs.emplace_back(variable(edge.i), variable(edge.j));
+    H_ = BlockCholesky<kSize>(free_, pairs);
+    for (const auto& edge : graph_.edges)
+      slots_.push_back(variable(edge.i) >= 0 && variable(edge.j) >= 0
+                           ? H_.slot(variable(edge.i), variable(edge.j))
+                           : Slot{});
+    gradient_.resize(free_ * kSize);
+  }
+
+  int variable(int node) const { return variable_[static_cast<std::size_t>(node)]; }
+  const Pose& at(const std::vector<Pose>& x, int node) const { return x[static_cast<std::size_t>(node)]; }
+  bool asked_to_stop() {
+    if (stop_ && stop_->load(std::memory_order_relaxed)) result_.stopped = true;
+    return result_.stopped;
+  }
+
+  // Cost and weight of a robust edge by its loss.
+  void loss(double chi2, double& cost, double& weight) const {
+    const auto evaluate = [&]<class Loss>(Loss) {
+      using One = Eigen::Array<double, 1, 1>;
+      One rho, w;
+      Loss::evaluate(One(chi2 / gate_), rho, w);
+      cost = gate_ * rho[0];
+      weight = w[0];
+    };
+    switch (options_.loss) {
+      case PoseGraphLoss::huber:
+        return evaluate(HuberLoss{});
+      case PoseGraphLoss::cauchy:
+        return evaluate(CauchyLoss{});
+      case PoseGraphLoss::geman_mcclure:
+        return evaluate(GemanMcClureLoss{});
+      case PoseGraphLoss::quadratic:
+      case PoseGraphLoss::truncated:
+        break;
+    }
+    cost = chi2;
+    weight = 1.0;
+  }
+
+  // Half the sum of chi2, by the loss; edges that are out cost the gate.
+  double cost_of(const std::vector<Pose>& x) const {
+    double sum = 0.0;
+    for (std::size_t l = 0; l < graph_.edges.size(); ++l) {
+      const auto& edge = graph_.edges[l];
+      if (weight_[l] == 0.0 && options_.loss == PoseGraphLoss::truncated) {
+        sum += gate_;
+        continue;
+      }
+      const Residual e = pose_graph_error(at(x, edge.i), at(x, edge.j), edge.T_i_j);
+      double cost = e.dot(edge.information * e);
+      if (edge.robust) {
+        double weight;
+        loss(cost, cost, weight);
+      }
+      sum += cost;
+    }
+    return 0.5 * sum;
+  }
+
+  void linearise() {
+    H_.set_zero();
+    gradient_.setZero();
+    for (std::size_t l = 0; l < graph_.edges.size(); ++l) {
+      const auto& edge = graph_.edges[l];
+      const int i = variable(edge.i), j = variable(edge.j);
+      const bool out = options_.loss == PoseGraphLoss::truncated && weight_[l] == 0.0;
+      if ((i < 0 && j < 0) || out) continue;
+      Residual e;
+      EdgeJacobian J_i, J_j;
+      error_of(edge, e, J_i, J_j);
+      Residual pull = edge.information * e;
+      double weight = 1.0;
+      if (edge.robust) {
+        double cost;
+        loss(e.dot(pull), cost, weight);
+        pull *= weight;
+      }
+      const EdgeJacobian W_i = (weight * edge.information).lazyProduct(J_i);
+      const EdgeJacobian W_j = (weight * edge.information).lazyProduct(J_j);
+      if (i >= 0) {
+        H_.diagonal(i) += J_i.transpose().lazyProduct(W_i);
+        gradient_.template segment<kSize>(i * kSize) += J_i.transpose() * pull;
+      }
+      if (j >= 0) {
+        H_.diagonal(j) += J_j.transpose().lazyProduct(W_j);
+        gradient_.template segment<kSize>(j * kSize) += J_j.transpose() * pull;
+      }
+      if (i >= 0 && j >= 0) {
+        if (slots_[l].transposed)
+          H_.off_diagonal(slots_[l]) += J_j.transpose().lazyProduct(W_i);
+        else
+          H_.off_diagonal(slots_[l]) += J_i.transpose().lazyProduct(W_j);
+      }
+    }
+  }
+
+  void error_of(const PoseGraphEdge<Pose>& edge, Residual& e, EdgeJacobian& J_i, EdgeJacobian& J_j) const {
+    const Pose &T_w_i = at(x_, edge.i), &T_w_j = at(x_, edge.j);
+    Jacobian A_i, A_j;
+    e = pose_graph_error(T_w_i, T_w_j, edge.T_i_j, &A_i, &A_j);
+    J_i = freedom_.along(T_w_i, A_i);
+    J_j = freedom_.along(T_w_j, A_j);
+  }
+
+  // Levenberg and Marquardt from x_; true if a tolerance was met.
+  bool minimise() {
+    if (free_ == 0) return true;
+    double cost = cost_of(x_);
+    double damping = 1e-6, growth = 2.0;
+    std::vector<Pose> trial = x_;
+    for (int k = 0; k < options_.iterations; ++k) {
+      if (asked_to_stop()) return false;
+      linearise();
+      ++result_.iterations;
+      for (int attempt = 0;; ++attempt) {
+        if (attempt == 40) return false;
+        if (H_.factorize(damping)) {
+          Eigen::VectorXd step = -gradient_;
+          H_.solve(step);
+          double promised = -0.5 * gradient_.dot(step);
+          for (int v = 0; v < free_; ++v) {
+            const auto s = step.segment<kSize>(v * kSize);
+            promised += 0.5 * damping * s.cwiseAbs2().dot(H_.diagonal(v).diagonal());
+          }
+          for (std::size_t n = 0; n < trial.size(); ++n)
+            if (const int v = variable_[n]; v >= 0)
+              trial[n] = freedom_.moved(x_[n], Step(step.segment<kSize>(v * kSize)));
+          const double new_cost = cost_of(trial);
+          const double gain = cost - new_cost;
+          const bool small_step = step.cwiseAbs().maxCoeff() <= options_.step_tolerance;
+          if (gain >= 0.0) {
+            x_.swap(trial);
+            cost = new_cost;
+            const double ratio = promised > 0.0 ? gain / promised : 1.0;
+            damping *= std::max(1.0 / 9.0, 1.0 - std::pow(2.0 * ratio - 1.0, 3));
+            damping = std::max(damping, 1e-12);
+            growth = 2.0;
+            if (small_step || gain <= options_.function_tolerance * cost) return true;
+            break;
+          }
+          // No way down that numbers can tell.
+          if (small_step || promised <= 1e-13 * cost) return true;
+        }
+        damping *= growth;
+        growth *= 2.0;
+      }
+    }
+    return false;
+  }
+
+  // Factorises and inverts at x_. What is barely determined gets a little damping: its covariance is huge
+  // then.
+  void invert() {
+    linearise();
+    double damping = 0.0;
+    while (!H_.factorize(damping)) damping = damping == 0.0 ? 1e-13 : 10.0 * damping;
+    H_.invert();
+  }
+
+  // How far each robust edge is from what all others say, after invert(). With whitened residual r and
+  // Jacobian J of the edge, C = J H^-1 J' and weight w in H, the prediction by the others differs by
+  // (I - w C)^-1 r, and the square of that in units of its covariance is r' (I + (1 - w) C)^-1 (I - w C)^-1
+  // r.
+  void measure_contradictions() {
+    for (std::size_t l = 0; l < graph_.edges.size(); ++l) {
+      const auto& edge = graph_.edges[l];
+      if (!edge.robust) continue;
+      const int i = variable(edge.i), j = variable(edge.j);
+      Residual e;
+      EdgeJacobian J_i, J_j;
+      error_of(edge, e, J_i, J_j);
+      const Jacobian U = edge.information.llt().matrixU();
+      e = (U * e).eval();
+      J_i = U.lazyProduct(J_i).eval();
+      J_j = U.lazyProduct(J_j).eval();
+      Jacobian C = Jacobian::Zero();
+      if (i >= 0) C += J_i.lazyProduct(H_.inverse(i).lazyProduct(J_i.transpose()).eval());
+      if (j >= 0) C += J_j.lazyProduct(H_.inverse(j).lazyProduct(J_j.transpose()).eval());
+      if (i >= 0 && j >= 0) {
+        const Jacobian cross = J_i.lazyProduct(H_.inverse(slots_[l]).lazyProduct(J_j.transpose()).eval());
+        C += cross + cross.transpose();
+      }
+      const Eigen::SelfAdjointEigenSolver<Jacobian> eigen(C);
+      const Residual along = eigen.eigenvectors().transpose() * e;
+      double sum = 0.0;
+      for (int k = 0; k < kRows; ++k) {
+        const double c = std::max(0.0, eigen.eigenvalues()[k]);
+        const double share_of_others = 1.0 - weight_[l] * c;
+        // A direction that nothing else determines is not contradicted.
+        if (share_of_others > 1e-10)
+          sum += along[k] * along[k] / (share_of_others * (1.0 + (1.0 - weight_[l]) * c));
+      }
+      result_.contradiction[l] = sum;
+    }
+  }
+
+  void find_wrong_edges();
+  void finish();
+
+  const Graph& graph_;
+  const PoseGraphOptions& options_;
+  Freedom freedom_;
+  const std::atomic<bool>* stop_;
+  double gate_;
+  std::vector<int> variable_;  // of each node, -1: stays
+  int free_ = 0;
+  std::vector<Pose> x_;
+  std::vector<double> weight_;
+  std::vector<Slot> slots_;
+  BlockCholesky<kSize> H_;
+  Eigen::VectorXd gradient_;
+  Result result_;
+};
+
+// Descends on half the sum of min(contradiction, gate), an edge at a time: leaving an edge out, or taking it
+// back, changes the cost by its contradiction, exactly so where the problem is linear. A change that does not
+// bring the cost down is undone and ends the search.
+template <class Freedom>
+void Solver<Freedom>::find_wrong_edges() {
+  double cost = cost_of(x_);
+  bool any_out = false;
+  std::vector<Pose> before;
+  while (!asked_to_stop()) {
+    invert();
+    measure_contradictions();
+    std::size_t change = graph_.edges.size();
+    double best_gain = 0.0;
+    for (std::size_t l = 0; l < graph_.edges.size(); ++l) {
+      if (!graph_.edges[l].robust) continue;
+      const double gain = (result_.contradiction[l] - gate_) * (weight_[l] == 0.0 ? -1.0 : 1.0);
+      if (gain > best_gain) {
+        best_gain = gain;
+        change = l;
+      }
+    }
+    if (change == graph_.edges.size()) break;
+    before = x_;
+    weight_[change] = 1.0 - weight_[change];
+    const bool converged = minimise();
+    const double new_cost = cost_of(x_);
+    if (!(new_cost < cost)) {
+      weight_[change] = 1.0 - weight_[change];
+      x_.swap(before);
+      break;
+    }
+    cost = new_cost;
+    result_.converged = converged;
+    any_out = true;
+  }
+  if (!any_out || asked_to_stop()) return;
+  // What wrong edges bent may not have come back all the way: again from the poses given.
+  before = x_;
+  for (std::size_t k = 0; k < x_.size(); ++k) x_[k] = graph_.nodes[k].T_world_node;
+  const bool converged = minimise();
+  if (cost_of(x_) < cost * (1.0 - 1e-6)) {
+    result_.converged = converged;
+    invert();
+    measure_contradictions();
+  } else {
+    x_.swap(before);
+  }
+}
+
+template <class Freedom>
+void Solver<Freedom>::finish() {
+  Result& r = result_;
+  r.final_cost = cost_of(x_);
+  r.usable = std::isfinite(r.final_cost) && std::all_of(x_.begin(), x_.end(), is_finite<Pose>);
+  if (!r.usable)
+    for (std::size_t k = 0; k < x_.size(); ++k) x_[k] = graph_.nodes[k].T_world_node;
+  for (std::size_t l = 0; l < graph_.edges.size(); ++l) {
+    const auto& edge = graph_.edges[l];
+    const Residual e = pose_graph_error(at(x_, edge.i), at(x_, edge.j), edge.T_i_j);
+    r.chi2.push_back(e.dot(edge.information * e));
+    double weight = weight_[l], cost;
+    if (edge.robust && options_.loss != PoseGraphLoss::truncated) loss(r.chi2.back(), cost, weight);
+    r.weight.push_back(weight);
+    if (weight < 0.5) r.rejected.push_back(static_cast<int>(l));
+  }
+  if (options_.covariances) {
+    if (free_ > 0) invert();
+    for (std::size_t k = 0; k < x_.size(); ++k) {
+      typename Result::Covariance covariance = Result::Covariance::Zero();
+      if (const int v = variable_[k]; v >= 0) {
+        const EdgeJacobian B = freedom_.along(x_[k], Jacobian(Jacobian::Identity()));
+        covariance = B.lazyProduct(H_.inverse(v).lazyProduct(B.transpose()).eval());
+      }
+      r.covariance.push_back(covariance);
+    }
+  }
+  r.T_world_node = std::move(x_);
+}
+
+}  // namespace
+
+template <class Pose>
+PoseGraphResult<Pose> solve_pose_graph(const BasicPoseGraph<Pose>& graph, const PoseGraphOptions& options,
+                                       const std::atomic<bool>* stop) {
+  check(graph, options);
+  if constexpr (std::is_same_v<Pose, SE3d>)
+    if (options.freedom == PoseGraphFreedom::yaw)
+      return Solver<YawFreedom>(graph, options, YawFreedom{graph.up_world}, stop).solve();
+  return Solver<FullFreedom<Pose>>(graph, options, {}, stop).solve();
+}
+
+template PoseGraphResult<SE3d> solve_pose_graph(const PoseGraph&, const PoseGraphOptions&,
+                                                const std::atomic<bool>*);
+template PoseGraphResult<Sim3d> solve_pose_graph(const SimilarityGraph&, const PoseGraphOptions&,
+                                                 const std::atomic<bool>*);
+
+}  // namespace sweepkit
