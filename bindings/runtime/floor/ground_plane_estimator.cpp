@@ -14,7 +14,6 @@ namespace sweepkit {
 
 namespace {
 
-using impl::SlopeFit;
 using Vec7 = Eigen::Matrix<double, 7, 1>;
 using Mat7 = Eigen::Matrix<double, 7, 7>;
 using Mat37 = Eigen::Matrix<double, 3, 7>;
@@ -22,9 +21,8 @@ using Mat37 = Eigen::Matrix<double, 3, 7>;
 constexpr double kDegree = std::numbers::pi / 180.0;
 constexpr double kMinDisparity = 2.0;  // a floor farther than that is left out [px]
 constexpr double kGate = 4.0;          // standard deviations within which a pixel may be floor
-constexpr double kInlier = 3.0;        // the same, once the plane is known
 constexpr double kSurface = 0.012;     // other surfaces are looked for so far above and below the floor [m]
-constexpr double kOtherShare = 1.5;    // times as many pixels make another surface the better one
+constexpr double kMaxSupport = 60.0;   // of which a floor that was learned can boast [s]
 constexpr double kMountingDrift = 0.002 * kDegree;  // of pitch and roll [rad / sqrt(s)]
 constexpr double kHeightDrift = 1e-5;               // [m / sqrt(s)]
 
@@ -84,9 +82,12 @@ struct GroundPlaneEstimator::State {
   // bias).
   Vec7 x;
   Mat7 P;
-  double climb = 0.0, climb_variance = 0.0;  // of the wheels since the floor was seen [m]
-  impl::FloorSamples samples, near;
-  std::vector<float> scratch;
+  double climb = 0.0, climb_variance = 0.0;   // of the wheels since the floor was seen [m]
+  double support = 0.0;                       // how long the floor was seen where it is believed to be [s]
+  Vec3<double> rival = Vec3<double>::Zero();  // another floor that the seed permits
+  double rival_support = 0.0;
+  impl::FloorSamples samples;
+  impl::SurfaceFinder finder;
 
   void reset();
   Vec3<double> slope() const { return x.head<3>() + x.segment<3>(3); }
@@ -99,6 +100,10 @@ struct GroundPlaneEstimator::State {
   }
   Mat3<double> ride() const {
     return from_angles(x.head<3>(), scale, options.ride_angle * kDegree, options.ride_height);
+  }
+  Mat3<double> seed_covariance() const {
+    return from_angles(scale / seed.plane.height * seed.plane.down_camera, scale,
+                       options.mounting_angle * kDegree, options.mounting_height);
   }
   bool predict(const GroundPlaneStep& step);
   void forget_tilt();
@@ -116,18 +121,22 @@ struct GroundPlaneEstimator::State {
   int collect(View2d<const T> disparity);
   template <class T>
   GroundPlaneResult estimate(View2d<const T> disparity, const GroundPlaneStep& step);
-  void measure(GroundPlaneResult& result);
+  bool fixes(const impl::Surface& surface) const;
+  Mat3<double> noise_of(const impl::Surface& surface) const;
+  double distance(const impl::Surface& surface, const Vec3<double>& s, const Mat3<double>& covariance) const;
+  void measure(GroundPlaneResult& result, double seconds);
+  void learn_rival(const impl::Surface& surface, double seconds);
 };
 
 void GroundPlaneEstimator::State::reset() {
-  const Vec3<double> s = scale / seed.plane.height * seed.plane.down_camera.normalized();
+  const Vec3<double> s = scale / seed.plane.height * seed.plane.down_camera;
   x.setZero();
   x.head<3>() = s;
   P.setZero();
-  P.topLeftCorner<3, 3>() = from_angles(s, scale, options.mounting_angle * kDegree, options.mounting_height);
+  P.topLeftCorner<3, 3>() = seed_covariance();
   P.block<3, 3>(3, 3) = ride();
   P(6, 6) = square(options.disparity_bias);
-  climb = climb_variance = 0.0;
+  climb = climb_variance = support = rival_support = 0.0;
 }
 
 void GroundPlaneEstimator::State::forget_tilt() {
@@ -202,7 +211,7 @@ int GroundPlaneEstimator::State::collect(View2d<const T> disparity) {
   int valid = 0;
   const Vec3<double> s = slope();
   const Mat3<double> search =
-      slope_covariance() + from_angles(s, scale, options.mounting_angle * kDegree, kSurface / kGate * 1.5);
+      slope_covariance() + from_angles(s, scale, options.mounting_angle * kDegree, 0.5 * kSurface);
   const double noise = square(options.disparity_noise) + P(6, 6);
   const double inverse = 1.0 / camera.focal;
   for (int v = options.step_v / 2; v < disparity.height; v += options.step_v) {
@@ -217,70 +226,103 @@ int GroundPlaneEstimator::State::collect(View2d<const T> disparity) {
       if (!(d > 0.0f)) continue;
       ++valid;
       if (square(d - floor) < square(kGate) * (ray.dot(search * ray) + noise))
-        samples.add(static_cast<float>(x), static_cast<float>(y), d);
+        samples.add(static_cast<float>(x), static_cast<float>(y), d,
+                    static_cast<std::uint8_t>(v * 16 / disparity.height * 8 + u * 8 / disparity.width));
     }
   }
   return valid;
 }
 
-void GroundPlaneEstimator::State::measure(GroundPlaneResult& result) {
+// Whether the samples of a surface fix pitch, roll and height.
+bool GroundPlaneEstimator::State::fixes(const impl::Surface& surface) const {
+  if (!surface.determined) return false;
+  const Mat3<double> by_slope = slope_by_angles(surface.seen, scale).inverse();
+  const Mat3<double> variance = by_slope * surface.covariance * by_slope.transpose();
+  return variance.diagonal().head<2>().maxCoeff() < square(options.max_angle_error * kDegree) &&
+         variance(2, 2) < square(options.max_height_error);
+}
+
+// What a surface tells of the floor under the wheels: that may differ a little from the floor in view.
+Mat3<double> GroundPlaneEstimator::State::noise_of(const impl::Surface& surface) const {
+  return surface.covariance +
+         from_angles(surface.seen, scale, options.floor_angle * kDegree, options.floor_height);
+}
+
+// Squared Mahalanobis distance of a surface from a plane that is known.
+double GroundPlaneEstimator::State::distance(const impl::Surface& surface, const Vec3<double>& s,
+                                             const Mat3<double>& covariance) const {
+  const Vec3<double> difference = surface.seen - s;
+  Mat3<double> S = covariance + noise_of(surface);
+  S(2, 2) += square(options.disparity_bias);
+  return difference.dot(S.ldlt().solve(difference));
+}
+
+void GroundPlaneEstimator::State::measure(GroundPlaneResult& result, double seconds) {
   const auto stop = [&](GroundPlaneState state, GroundPlaneReason reason) {
     result.state = state;
     result.reason = reason;
   };
-  if (static_cast<int>(samples.size()) < options.min_pixels)
-    return stop(GroundPlaneState::predicted, GroundPlaneReason::no_floor);
+  Mat3<double> search = slope_covariance();
+  search += from_angles(slope(), scale, options.mounting_angle * kDegree, kSurface);
+  const impl::SlopePrior prior{slope(), search.inverse()};
+  const std::vector<impl::Surface>& surfaces =
+      finder.find(samples, prior, {options.disparity_noise, options.hypotheses, options.min_pixels, 3});
 
-  const Vec3<double> s = slope();
-  Mat3<double> expected = slope_covariance();
-  expected(2, 2) += P(6, 6);
-  const double noise = options.disparity_noise;
-  near.clear();
-  for (std::size_t i = 0; i < samples.size(); ++i) {
-    const Vec3<double> ray(samples.x[i], samples.y[i], 1.0);
-    if (square(samples.d[i] - s.dot(ray)) < square(kGate) * (ray.dot(expected * ray) + square(noise)))
-      near.add(samples.x[i], samples.y[i], samples.d[i]);
+  // Of the surfaces that are large enough the one that agrees best with what is known, and the largest.
+  const impl::Surface *floor = nullptr, *largest = nullptr;
+  double nearest = 0.0;
+  for (const impl::Surface& surface : surfaces) {
+    if (!fixes(surface)) continue;
+    if (!largest || surface.inliers > largest->inliers) largest = &surface;
+    if (surface.inliers < options.min_share * static_cast<double>(samples.size())) continue;
+    const double d = distance(surface, slope(), slope_covariance());
+    if (!floor || d < nearest) {
+      floor = &surface;
+      nearest = d;
+    }
   }
-  const Vec3<double> other = consensus_slope(samples, kInlier * noise, options.hypotheses, s);
-  const int other_count = count_near(samples, other, kInlier * noise);
-
-  const impl::SlopePrior prior{s, expected.inverse()};
-  std::optional<SlopeFit> fit;
-  if (static_cast<int>(near.size()) >= options.min_pixels) {
-    const Vec3<double> start = consensus_slope(near, kInlier * noise, options.hypotheses, s);
-    fit = refine_slope(near, start, noise, options.correlation, &prior, scratch);
+  if (!largest)
+    return stop(GroundPlaneState::predicted,
+                surfaces.empty() ? GroundPlaneReason::no_floor : GroundPlaneReason::too_narrow);
+  const impl::Surface& shown = floor ? *floor : *largest;
+  result.inliers = shown.inliers;
+  result.noise = shown.noise;
+  if (!floor || nearest > options.consistency) {
+    learn_rival(*largest, seconds);
+    return stop(GroundPlaneState::refused,
+                floor == largest ? GroundPlaneReason::contradiction : GroundPlaneReason::other_surface);
   }
-  result.inliers = fit ? fit->inliers : 0;
-  result.noise = fit ? fit->noise : 0.0;
-  const int count = fit ? count_near(samples, fit->slope, kInlier * noise) : 0;
-  const bool other_better =
-      other_count >= options.min_pixels && other_count > kOtherShare * std::max(count, 1);
-  if (!fit || fit->inliers < options.min_pixels ||
-      count < options.min_share * static_cast<double>(samples.size())) {
-    if (other_better) return stop(GroundPlaneState::refused, GroundPlaneReason::other_surface);
-    return stop(GroundPlaneState::predicted, GroundPlaneReason::no_floor);
-  }
-
-  const Eigen::LDLT<Mat3<double>> information(fit->information);
-  if (!(information.rcond() > 1e-9)) return stop(GroundPlaneState::predicted, GroundPlaneReason::too_narrow);
-  const Mat3<double> R = information.solve(Mat3<double>::Identity());
-  const Vec3<double> measured = information.solve(fit->weighted_sum);
-  const Mat3<double> by_slope = slope_by_angles(s, scale).inverse();
-  const Vec3<double> spread = (by_slope * R * by_slope.transpose()).diagonal().cwiseSqrt();
-  if (!(spread.head<2>().maxCoeff() < options.max_angle_error * kDegree) ||
-      !(spread.z() < options.max_height_error))
-    return stop(GroundPlaneState::predicted, GroundPlaneReason::too_narrow);
-  if (other_better) return stop(GroundPlaneState::refused, GroundPlaneReason::other_surface);
-
   Mat37 H;
   H << Mat3<double>::Identity(), Mat3<double>::Identity(), Vec3<double>::UnitZ();
-  const Vec3<double> innovation = measured - H * x;
-  const Mat3<double> S = H * P * H.transpose() + R;
-  if (!(innovation.dot(S.ldlt().solve(innovation)) < options.consistency))
-    return stop(GroundPlaneState::refused, GroundPlaneReason::contradiction);
-  update<3>(H, innovation, R);
+  update<3>(H, floor->seen - H * x, noise_of(*floor));
   climb = climb_variance = 0.0;
+  support = std::min(support + seconds, kMaxSupport);
+  rival_support = std::max(rival_support - seconds, 0.0);
   stop(GroundPlaneState::measured, GroundPlaneReason::none);
+}
+
+// A floor that calibration permits, seen for longer than the one that is believed, takes its place: the first
+// frames may have shown a carpet ahead, or the floor beside the carpet that the robot stood on.
+void GroundPlaneEstimator::State::learn_rival(const impl::Surface& surface, double seconds) {
+  const Vec3<double> s = scale / seed.plane.height * seed.plane.down_camera;
+  if (!(distance(surface, s, seed_covariance()) < options.consistency)) return;
+  if (rival_support > 0.0 && distance(surface, rival, 2.0 * ride()) < options.consistency) {
+    rival += (surface.seen - rival) * (seconds / (rival_support + seconds));
+    rival_support += seconds;
+  } else {
+    rival_support -= seconds;
+    if (rival_support <= 0.0) {
+      rival = surface.seen;
+      rival_support = seconds;
+    }
+  }
+  if (rival_support <= support) return;
+  reset();
+  x.head<3>() = rival;
+  P.topLeftCorner<3, 3>() = ride() + noise_of(surface);
+  P.topLeftCorner<3, 3>()(2, 2) += P(6, 6);
+  support = rival_support;
+  rival_support = 0.0;
 }
 
 template <class T>
@@ -303,7 +345,7 @@ GroundPlaneResult GroundPlaneEstimator::State::estimate(View2d<const T> disparit
   if (result.pixels < options.min_pixels) {
     result.reason = GroundPlaneReason::no_disparity;
   } else {
-    measure(result);
+    measure(result, step.seconds);
   }
   if (!standing && !result.measured()) {
     result.state = GroundPlaneState::predicted;

@@ -3,8 +3,7 @@
 #pragma once
 
 #include <cstddef>
-#include <optional>
-#include <span>
+#include <cstdint>
 #include <vector>
 
 #include "sweepkit/geometry/so3.hpp"
@@ -13,54 +12,74 @@ namespace sweepkit::impl {
 
 // A plane's disparity is slope . ray with ray = (x, y, 1). Here planes are such slopes [px].
 
-/// Pixels that may show a floor: their rays' x and y, and their disparities [px].
+/// Pixels that may show a floor: their rays' x and y, their disparities [px], and the cell of the image that
+/// they lie in. Errors of pixels of one cell may go together.
 struct FloorSamples {
+  static constexpr int kCells = 128;
+
   std::vector<float> x, y, d;
+  std::vector<std::uint8_t> cell;
 
   std::size_t size() const { return d.size(); }
   void clear() {
     x.clear();
     y.clear();
     d.clear();
+    cell.clear();
   }
-  void add(float ray_x, float ray_y, float disparity) {
+  void add(float ray_x, float ray_y, float disparity, std::uint8_t in_cell) {
     x.push_back(ray_x);
     y.push_back(ray_y);
     d.push_back(disparity);
+    cell.push_back(in_cell);
   }
   float residual(std::size_t i, const Vec3<float>& slope) const {
     return d[i] - (slope.x() * x[i] + slope.y() * y[i] + slope.z());
   }
 };
 
-/// A plane and what is known of it before.
+/// What is known of the planes before.
 struct SlopePrior {
   Vec3<double> slope;
   Mat3<double> information;
 };
 
-/// A plane fitted to samples.
-struct SlopeFit {
-  Vec3<double> slope;         ///< of the samples and the prior together
-  Mat3<double> information;   ///< of the samples alone
-  Vec3<double> weighted_sum;  ///< information * slope of the samples alone
-  int inliers = 0;            ///< samples with a weight above zero
-  double noise = 0.0;         ///< standard deviation of their residuals [px]
+struct SurfaceSearch {
+  double sigma;     ///< standard deviation of a disparity, of which residuals may show more [px]
+  int hypotheses;   ///< planes tried for each surface
+  int min_samples;  ///< on a surface
+  int max_surfaces;
 };
 
-/// The plane through three samples that leaves the least sum of min((residual / gate)^2, 1) (MSAC), of
-/// `hypotheses` random ones and `guess`. Deterministic.
-Vec3<double> consensus_slope(const FloorSamples& samples, double gate, int hypotheses,
-                             const Vec3<double>& guess);
+/// A plane fitted to samples.
+struct Surface {
+  Vec3<double> slope;  ///< of the samples and the prior together
+  /// Of the samples alone, and its covariance as the scatter of the cells tells it. Only if `determined`.
+  Vec3<double> seen;
+  Mat3<double> covariance;
+  bool determined = false;
+  int inliers = 0;     ///< samples with a weight above zero
+  double noise = 0.0;  ///< standard deviation of their residuals [px]
+};
 
-/// How many samples lie within `gate` of a plane.
-int count_near(const FloorSamples& samples, const Vec3<double>& slope, double gate);
+/// Finds planes one after another, each on what the ones before left over. Each begins as the best by MSAC
+/// (Torr and Zisserman 2000) of planes through three samples, planes parallel to the prior through one and
+/// the prior itself, and is refined by Tukey's biweight. Covariances are robust against errors that samples
+/// of a cell share (Liang and Zeger 1986). Keeps its buffers; deterministic.
+class SurfaceFinder {
+ public:
+  const std::vector<Surface>& find(const FloorSamples& samples, const SlopePrior& prior,
+                                   const SurfaceSearch& search);
 
-/// Refines a plane by Tukey's biweight; nothing if fewer than three samples remain or they do not fix it.
-/// @param sigma standard deviation of a disparity, of which the residuals may show more [px]
-/// @param correlation how many samples share one error: so many count as one
-std::optional<SlopeFit> refine_slope(const FloorSamples& samples, const Vec3<double>& start, double sigma,
-                                     double correlation, const SlopePrior* prior,
-                                     std::vector<float>& scratch);
+ private:
+  Vec3<double> consensus(const SlopePrior& prior, const SurfaceSearch& search);
+  void find_covariance(Surface& surface, const Mat3<double>& normal, const Vec3<double>& sum, double spread);
+  bool refine(Surface& surface, const SlopePrior& prior, const SurfaceSearch& search);
+
+  FloorSamples left_;    // that no surface has taken yet
+  FloorSamples scored_;  // some of them, which score hypotheses
+  std::vector<float> sizes_;
+  std::vector<Surface> surfaces_;
+};
 
 }  // namespace sweepkit::impl

@@ -37,19 +37,20 @@ struct GroundPlaneSeed {
 struct GroundPlaneOptions {
   double mounting_angle = 0.5;
   double mounting_height = 0.003;
-  double ride_angle = 0.1;
-  double ride_height = 0.0005;
+  double ride_angle = 0.07;
+  double ride_height = 0.001;
+  double floor_angle = 0.1;
+  double floor_height = 0.0007;
   double settle_time = 1.0;
   double max_tilt = 12.0;
   double max_climb = 0.03;
   double floor_slope = 0.5;
   double disparity_noise = 0.4;
   double disparity_bias = 0.15;
-  double correlation = 10;
   int step_u = 8;
   int step_v = 4;
   int min_pixels = 60;
-  double min_share = 0.35;
+  double min_share = 0.2;
   double max_angle_error = 0.3;
   double max_height_error = 0.003;
   double consistency = 16.3;
@@ -63,6 +64,9 @@ struct GroundPlaneOptions {
     v(ride_angle, "ride_angle", "deg", range(0.001, 10),
       "how far the robot rocks about its mean pitch and roll on one surface");
     v(ride_height, "ride_height", "m", range(1e-5, 0.05), "the same of the height");
+    v(floor_angle, "floor_angle", "deg", range(0.0, 10),
+      "how far the floor in view differs in pitch and roll from that under the wheels");
+    v(floor_height, "floor_height", "m", range(0.0, 0.05), "the same of the height");
     v(settle_time, "settle_time", "s", range(0.01, 100),
       "a tilt at a sill or the edge of a carpet is expected to fade within about that time");
     v(max_tilt, "max_tilt", "deg", range(0.1, 45),
@@ -75,14 +79,13 @@ struct GroundPlaneOptions {
       "standard deviation of disparities on a textured floor");
     v(disparity_bias, "disparity_bias", "px", range(0, 10),
       "standard deviation of an error that all disparities have in common");
-    v(correlation, "correlation", "", range(1, 10000),
-      "how many of the pixels looked at share one error and so count as one");
     v(step_u, "step_u", "px", range(1, 64), "columns from one pixel that is looked at to the next");
     v(step_v, "step_v", "px", range(1, 64), "rows from one pixel that is looked at to the next");
     v(min_pixels, "min_pixels", "", range(3, 1000000),
       "of the pixels looked at, so many must show the floor");
     v(min_share, "min_share", "", range(0, 1),
-      "of the pixels that may show the floor, this share must lie on the plane");
+      "of the pixels that may show the floor or a surface a little above or below it, this share must lie on "
+      "the plane");
     v(max_angle_error, "max_angle_error", "deg", range(0.001, 10),
       "a frame that tells pitch or roll with a larger standard deviation is not enough");
     v(max_height_error, "max_height_error", "m", range(1e-5, 0.1), "the same of the height");
