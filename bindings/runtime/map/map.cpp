@@ -10,6 +10,11 @@
 namespace sweepkit {
 namespace {
 
+// How many keyframes later a merge may be forgotten.
+constexpr std::uint32_t kRememberMerges = 256;
+// What malloc takes beside each piece, on average with rounding up.
+constexpr std::size_t kPiece = 16;
+
 auto lower_bound_keyframe(auto& list, KeyframeId id) {
   return std::lower_bound(list.begin(), list.end(), id,
                           [](const auto& entry, KeyframeId key) { return entry.keyframe < key; });
@@ -26,15 +31,11 @@ void add_covisible(std::vector<Covisible>& list, KeyframeId id, int by) {
 
 Map::Map(MapParts&& parts)
     : keyframes_(std::move(parts.keyframes)),
-      points_(std::move(parts.points)),
       removed_(std::move(parts.removed)),
       map_count_(parts.map_count) {
-  const auto living = [](const auto& list) {
-    return static_cast<std::size_t>(
-        std::count_if(list.begin(), list.end(), [](const auto& entry) { return entry != nullptr; }));
-  };
-  live_keyframes_ = living(keyframes_);
-  live_points_ = living(points_);
+  live_keyframes_ = static_cast<std::size_t>(std::count_if(
+      keyframes_.begin(), keyframes_.end(), [](const auto& entry) { return entry != nullptr; }));
+  for (auto& point : parts.points) points_.push_back(std::move(point));
   if (const auto broken = broken_invariant()) throw Error(ErrorKind::argument, "Map(parts)", *broken);
 }
 
@@ -68,6 +69,11 @@ KeyframeId Map::add_keyframe(Keyframe keyframe) {
   keyframe.covisible.clear();
   keyframes_.push_back(std::make_unique<Keyframe>(std::move(keyframe)));
   ++live_keyframes_;
+  // Now and then, so that it costs nothing.
+  if (keyframe_id_end() % kRememberMerges == 0)
+    std::erase_if(merged_into_, [&](const auto& entry) {
+      return entry.second.keyframe_id_end + kRememberMerges <= keyframe_id_end();
+    });
   return keyframes_.back()->id;
 }
 
@@ -109,7 +115,7 @@ void Map::join_maps(KeyframeId child, KeyframeId parent, const SE3d& T_into_from
     below = here;
     here = above;
   }
-  std::vector<bool> moved(points_.size(), false);
+  std::vector<bool> moved(point_id_end(), false);
   const SE3d T_from_into = T_into_from.inverse();
   for (auto& keyframe : keyframes_) {
     if (!keyframe || keyframe->map != from) continue;
@@ -147,7 +153,6 @@ PointId Map::add_point(const Vec3<double>& p_world, KeyframeId keyframe_id, std:
   point->first_keyframe = keyframe_id;
   point->predicted = point->found = 1;
   points_.push_back(std::move(point));
-  ++live_points_;
   add_observation(id, keyframe_id, index);
   return id;
 }
@@ -184,8 +189,7 @@ void Map::remove_observation(PointId point_id, KeyframeId keyframe_id) {
 void Map::remove_point(PointId id) {
   MapPoint& gone = at(id);
   while (!gone.observations.empty()) detach(gone, gone.observations.size() - 1);
-  points_[id.value].reset();
-  --live_points_;
+  points_.erase(id.value);
 }
 
 void Map::merge_points(PointId drop, PointId keep) {
@@ -197,7 +201,7 @@ void Map::merge_points(PointId drop, PointId keep) {
   kept.found += dropped.found;
   remove_point(drop);
   for (const Observation& o : moved) add_observation(keep, o.keyframe, o.index);
-  merged_into_[drop] = keep;
+  merged_into_[drop] = {keep, keyframe_id_end()};
 }
 
 const RemovedKeyframe* Map::find_removed(KeyframeId id) const {
@@ -208,7 +212,7 @@ const RemovedKeyframe* Map::find_removed(KeyframeId id) const {
 PointId Map::resolve(PointId id) const {
   while (id.valid() && find(id) == nullptr) {
     const auto it = merged_into_.find(id);
-    id = it == merged_into_.end() ? PointId{} : it->second;
+    id = it == merged_into_.end() ? PointId{} : it->second.into;
   }
   return id;
 }
@@ -253,6 +257,22 @@ int Map::shared_points(KeyframeId a, KeyframeId b) const {
   const auto& list = keyframe(a).covisible;
   const auto it = lower_bound_keyframe(list, b);
   return it != list.end() && it->keyframe == b ? it->points : 0;
+}
+
+std::size_t Map::memory_bytes() const {
+  const auto list = [](const auto& v) { return v.capacity() > 0 ? v.capacity() * sizeof(v[0]) + kPiece : 0; };
+  const auto table = [](const auto& t) {
+    return t.size() * (sizeof(*t.begin()) + sizeof(void*) + kPiece) + t.bucket_count() * sizeof(void*);
+  };
+  std::size_t bytes =
+      sizeof(Map) + list(keyframes_) + points_.memory_bytes() + table(merged_into_) + table(removed_);
+  for (const auto& k : keyframes_)
+    if (k)
+      bytes += sizeof(Keyframe) + kPiece + list(k->measurements) + list(k->descriptors) + list(k->points) +
+               list(k->covisible);
+  for (std::uint32_t i = 0; i < point_id_end(); ++i)
+    if (const MapPoint* p = find(PointId{i})) bytes += sizeof(MapPoint) + kPiece + list(p->observations);
+  return bytes;
 }
 
 std::optional<std::string> Map::broken_invariant() const {

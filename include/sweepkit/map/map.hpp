@@ -10,6 +10,7 @@
 #include <unordered_map>
 #include <vector>
 
+#include "sweepkit/map/impl/id_table.hpp"
 #include "sweepkit/map/keyframe.hpp"
 #include "sweepkit/map/point.hpp"
 
@@ -75,7 +76,8 @@ class Map {
   /// Two points were one: `drop` vanishes, its observations and counts go to `keep` where they do not clash,
   /// and `resolve(drop)` is `keep` from now on.
   void merge_points(PointId drop, PointId keep);
-  /// The point that stands for this id after merges; none if it was removed.
+  /// The point that stands for this id after merges; none if it was removed. A merge is forgotten after some
+  /// hundred further keyframes: whoever holds an id that long asks in between.
   PointId resolve(PointId id) const;
 
   /// World to camera of a keyframe; of a removed one through the keyframe that was its parent, as it stood to
@@ -97,23 +99,24 @@ class Map {
   const Keyframe* find(KeyframeId id) const {
     return id.value < keyframes_.size() ? keyframes_[id.value].get() : nullptr;
   }
-  const MapPoint* find(PointId id) const {
-    return id.value < points_.size() ? points_[id.value].get() : nullptr;
-  }
+  const MapPoint* find(PointId id) const { return points_.find(id.value); }
   /// As find, but throws Error(argument) where there is none.
   const Keyframe& keyframe(KeyframeId id) const;
   const MapPoint& point(PointId id) const;
 
   std::size_t keyframe_count() const { return live_keyframes_; }
-  std::size_t point_count() const { return live_points_; }
+  std::size_t point_count() const { return points_.living(); }
   /// One past the largest id given so far: loop from 0 and `find`.
   std::uint32_t keyframe_id_end() const { return static_cast<std::uint32_t>(keyframes_.size()); }
-  std::uint32_t point_id_end() const { return static_cast<std::uint32_t>(points_.size()); }
+  std::uint32_t point_id_end() const { return points_.end(); }
 
   /// The keyframes sharing at least `min_points` points, most first, at most `count`; ties by id.
   std::vector<Covisible> best_covisible(KeyframeId id, std::size_t count, int min_points = 1) const;
   /// How many points two keyframes share.
   int shared_points(KeyframeId a, KeyframeId b) const;
+
+  /// What it takes: everything, with what vectors hold in reserve and the allocator's overhead [bytes].
+  std::size_t memory_bytes() const;
 
   /// The first invariant found broken, in words; nothing when all hold. Counts anew who shares
   /// what with whom: for files, tests and debug builds.
@@ -126,11 +129,14 @@ class Map {
   void detach(MapPoint& point, std::size_t observation);
 
   std::vector<std::unique_ptr<Keyframe>> keyframes_;  // by id
-  std::vector<std::unique_ptr<MapPoint>> points_;     // by id
-  std::unordered_map<PointId, PointId> merged_into_;
+  impl::IdTable<MapPoint> points_;
+  struct Merge {
+    PointId into;
+    std::uint32_t keyframe_id_end;  // when
+  };
+  std::unordered_map<PointId, Merge> merged_into_;
   std::unordered_map<KeyframeId, RemovedKeyframe> removed_;
   std::size_t live_keyframes_ = 0;
-  std::size_t live_points_ = 0;
   std::uint32_t map_count_ = 0;
 };
 
