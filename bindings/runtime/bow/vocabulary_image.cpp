@@ -166,6 +166,14 @@ VocabularyImage VocabularyImage::open(const std::string& path) {
   return image;
 }
 
+VocabularyImage VocabularyImage::of_bytes(std::span<const std::byte> bytes, std::string place) {
+  if (reinterpret_cast<std::uintptr_t>(bytes.data()) % VocabularyBlock::kLine != 0)
+    throw Error(ErrorKind::argument, place, "must be aligned to 64 bytes");
+  VocabularyImage image;
+  image.take({std::shared_ptr<const void>(), bytes.data()}, bytes.size(), std::move(place));
+  return image;
+}
+
 void VocabularyImage::save(const std::string& path) const {
   require(!empty(), "VocabularyImage::save", "there is nothing to save", path);
   // Written beside it first: who has the old file mapped keeps it, and nobody sees half a file.

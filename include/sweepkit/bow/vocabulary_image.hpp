@@ -6,6 +6,7 @@
 #include <cstdint>
 #include <cstring>
 #include <memory>
+#include <span>
 #include <string>
 
 #include "sweepkit/bow/vocabulary_tree.hpp"
@@ -87,6 +88,9 @@ class VocabularyImage {
   /// here; every access to the rest is checked against the bounds of the file, and verify() checks all.
   /// The file must not be cut short while it is mapped. Throws Error(io) or Error(data).
   static VocabularyImage open(const std::string& path);
+  /// The content of such a file that lies in memory already, aligned to 64 bytes, and stays there: it is not
+  /// copied. Throws as open. @param place stands in messages
+  static VocabularyImage of_bytes(std::span<const std::byte> bytes, std::string place);
   /// Writes the image; `path` is replaced at once when all is written. Throws Error(io).
   void save(const std::string& path) const;
   /// Reads everything: checksum, links, counts, words, weights. Throws Error(data) that says what is wrong.
