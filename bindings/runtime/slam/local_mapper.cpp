@@ -18,10 +18,9 @@ constexpr double kDegree = std::numbers::pi / 180;
 constexpr double kChi2Mono = 5.99;
 constexpr double kChi2Stereo = 7.81;
 
-// How much less than its own observations say a window knows of the disparities' bias, beside the overlap.
-constexpr double kBiasRepeats = 4;
-// How far the bias may wander from keyframe to keyframe: cameras warm up [px].
-constexpr double kBiasWalk = 0.002;
+// A map that begins where vision was lost without odometry may be anywhere nearby [m, rad].
+constexpr double kUnmooredPosition = 1;
+constexpr double kUnmooredAngle = 0.5;
 
 Vec3<double> camera_center(const SE3d& T_camera_world) { return T_camera_world.inverse().translation(); }
 
@@ -71,8 +70,16 @@ std::shared_ptr<const LocalMap> LocalMapper::process(KeyframeCandidate&& candida
 }
 
 KeyframeId LocalMapper::insert(KeyframeCandidate&& candidate) {
-  if (candidate.starts_map && !current_.valid()) current_ = map_.add_map();
   StereoFrame& frame = candidate.frame;
+  const KeyframeId before_all = newest_before(KeyframeId{map_.keyframe_id_end()});
+  if (candidate.begins_map || !current_.valid()) {
+    current_ = map_.add_map();
+    begun_ = candidate.begun;
+    T_now_begun_ = SE3d();
+    std::fill(frame.points.begin(), frame.points.end(), PointId{});
+    frame.reference = KeyframeId{};
+  }
+  const bool first = map_.find(before_all) == nullptr || map_.keyframe(before_all).map != current_;
 
   // The parent is the keyframe that shares most of the tracked points.
   std::vector<KeyframeId> seers;
@@ -94,7 +101,7 @@ KeyframeId LocalMapper::insert(KeyframeCandidate&& candidate) {
   }
   if (!parent.valid() && map_.find(frame.reference)) parent = frame.reference;
   // Nothing ties it to the map but time: the newest keyframe.
-  const KeyframeId before = newest_before(KeyframeId{map_.keyframe_id_end()});
+  const KeyframeId before = first ? KeyframeId{} : before_all;
   if (!parent.valid()) parent = before;
 
   Keyframe keyframe;
@@ -103,7 +110,7 @@ KeyframeId LocalMapper::insert(KeyframeCandidate&& candidate) {
   // What was tracked against a map that has moved since moves with its reference.
   keyframe.T_camera_world = frame.reference.valid() && map_.keyframe_id_end() > frame.reference.value
                                 ? frame.T_camera_reference * map_.T_camera_world(frame.reference)
-                                : frame.T_camera_world;
+                                : frame.T_camera_world * T_now_begun_.inverse();
   keyframe.measurements = std::move(frame.measurements);
   for (Measurement& m : keyframe.measurements) m.shift_disparity(disparity_bias_ - frame.disparity_bias);
   keyframe.descriptors = std::move(frame.descriptors);
@@ -111,8 +118,16 @@ KeyframeId LocalMapper::insert(KeyframeCandidate&& candidate) {
   if (candidate.odometry && before.valid()) keyframe.odometry = {before, *candidate.odometry};
   // What was not seen hangs on the keyframe before by odometry; what was, on its parent by points.
   const bool tracked = most > 0 || !keyframe.odometry;
-  if (parent.valid()) {
-    const Keyframe& from = map_.keyframe(tracked ? parent : before);
+  // The first of another map came along from the keyframe before, whatever held for that.
+  const bool moored = candidate.odometry && before_all.valid();
+  if (first && candidate.begins_map && !moored) {
+    keyframe.covariance.diagonal() << Vec3<double>::Constant(std::pow(kUnmooredPosition, 2)),
+        Vec3<double>::Constant(std::pow(kUnmooredAngle, 2));
+  } else if (const KeyframeId since = !first   ? (tracked ? parent : before)
+                                      : moored ? before_all
+                                               : KeyframeId{};
+             since.valid()) {
+    const Keyframe& from = map_.keyframe(since);
     const Mat6<double> Ad = (keyframe.T_camera_world * from.T_camera_world.inverse()).adjoint();
     keyframe.covariance =
         Ad * from.covariance * Ad.transpose() +
@@ -288,127 +303,6 @@ KeyframeId LocalMapper::last_seeing(KeyframeId id) const {
   return id;
 }
 
-// What wheels get wrong of a distance they get wrong alike in all edges of a window, which count as
-// independent. Stereo knows the scale: between keyframes that see, wheels shall not tell it.
-Mat6<double> LocalMapper::odometry_covariance(KeyframeId id) const {
-  const Keyframe& keyframe = map_.keyframe(id);
-  Mat6<double> covariance = keyframe.odometry->motion.covariance;
-  const auto sees = [&](const Keyframe& k) {
-    return std::count_if(k.points.begin(), k.points.end(), [](PointId p) { return p.valid(); }) >=
-           options_.scale_points;
-  };
-  if (!sees(keyframe) || !sees(map_.keyframe(keyframe.odometry->from))) return covariance;
-  const SE3d& T = keyframe.odometry->motion.T;
-  const Vec3<double> way = options_.odometry_scale_sigma * (T.rotation().inverse() * T.translation());
-  covariance.topLeftCorner<3, 3>() += way * way.transpose();
-  return covariance;
-}
-
-std::vector<KeyframeId> LocalMapper::adjustment_window(KeyframeId id) const {
-  std::vector<KeyframeId> window{id};
-  for (const Covisible& c : map_.best_covisible(id, static_cast<std::size_t>(options_.window - 1)))
-    window.push_back(c.keyframe);
-  std::sort(window.begin(), window.end());
-  // A blind stretch before one of them hangs on both its ends.
-  for (std::size_t i = 0; i < window.size(); ++i) {
-    const auto& edge = map_.keyframe(window[i]).odometry;
-    if (edge && map_.keyframe(edge->from).blind() &&
-        std::find(window.begin(), window.end(), edge->from) == window.end())
-      window.push_back(edge->from);
-  }
-  std::sort(window.begin(), window.end());
-  return window;
-}
-
-void LocalMapper::adjust(KeyframeId id, const std::atomic<bool>* stop) {
-  // Variable poses, the points they see, and the other keyframes that see these points, which stay fixed.
-  const std::vector<KeyframeId> window = adjustment_window(id);
-
-  std::vector<PointId> points;
-  for (const KeyframeId keyframe : window)
-    for (const PointId point : map_.keyframe(keyframe).points)
-      if (point.valid()) points.push_back(point);
-  sort_unique(points);
-  std::erase_if(points, [&](PointId p) { return map_.point(p).observations.size() < 2; });
-
-  std::vector<Covisible> others;
-  for (const PointId point : points)
-    for (const Observation& o : map_.point(point).observations)
-      if (!std::binary_search(window.begin(), window.end(), o.keyframe)) others.push_back({o.keyframe, 1});
-  std::sort(others.begin(), others.end(), [](auto& a, auto& b) { return a.keyframe < b.keyframe; });
-  std::vector<Covisible> fixed;
-  for (const Covisible& o : others)
-    if (!fixed.empty() && fixed.back().keyframe == o.keyframe)
-      ++fixed.back().points;
-    else
-      fixed.push_back(o);
-  std::stable_sort(fixed.begin(), fixed.end(), [](auto& a, auto& b) { return a.points > b.points; });
-  if (fixed.size() > static_cast<std::size_t>(options_.fixed_window))
-    fixed.resize(static_cast<std::size_t>(options_.fixed_window));
-
-  BundleProblem problem;
-  std::vector<KeyframeId> keyframes = window;
-  for (const Covisible& f : fixed) keyframes.push_back(f.keyframe);
-  for (const KeyframeId keyframe : window)
-    if (const auto& edge = map_.keyframe(keyframe).odometry)
-      if (std::find(keyframes.begin(), keyframes.end(), edge->from) == keyframes.end())
-        keyframes.push_back(edge->from);
-  std::vector<int> pose_of(map_.keyframe_id_end(), -1);
-  bool anchored = false;
-  for (std::size_t i = 0; i < keyframes.size(); ++i) {
-    const Keyframe& keyframe = map_.keyframe(keyframes[i]);
-    const bool hold = i >= window.size() || !keyframe.parent.valid();
-    anchored |= hold;
-    pose_of[keyframes[i].value] = static_cast<int>(i);
-    problem.T_camera_world.push_back(keyframe.T_camera_world);
-    problem.fixed.push_back(hold);
-  }
-  if (!anchored) problem.fixed.front() = 1;  // the oldest of the window
-  for (std::size_t i = 0; i < keyframes.size(); ++i)
-    if (const auto& edge = map_.keyframe(keyframes[i]).odometry; edge && pose_of[edge->from.value] >= 0)
-      problem.relative_poses.push_back({.a = pose_of[edge->from.value],
-                                        .b = static_cast<int>(i),
-                                        .T_a_b = edge->motion.T,
-                                        .information = odometry_covariance(keyframes[i]).inverse()});
-  if (std::all_of(problem.fixed.begin(), problem.fixed.end(), [](auto f) { return f != 0; })) return;
-
-  std::vector<std::pair<PointId, KeyframeId>> observed;
-  for (std::size_t p = 0; p < points.size(); ++p) {
-    const MapPoint& point = map_.point(points[p]);
-    problem.points.push_back(point.p_world);
-    for (const Observation& o : point.observations) {
-      const int pose = pose_of[o.keyframe.value];
-      if (pose < 0) continue;
-      const Measurement& m = map_.keyframe(o.keyframe).measurements[o.index];
-      problem.observations.push_back({.pose = pose,
-                                      .point = static_cast<int>(p),
-                                      .u = m.u,
-                                      .v = m.v,
-                                      .u_right = m.u_right,
-                                      .sigma = m.sigma,
-                                      .sigma_disparity = m.sigma_right});
-      observed.emplace_back(points[p], o.keyframe);
-    }
-  }
-  // What a window says of the bias, the next ones say again, and its errors go together: it counts for less.
-  if (options_.disparity_bias_sigma > 0)
-    problem.disparity_bias_sigma = std::sqrt(disparity_bias_variance_ / (kBiasRepeats * options_.window));
-  const BundleResult result = solve_bundle(camera_, problem, options_.bundle, stop);
-  for (std::size_t i = 0; i < window.size(); ++i)
-    if (!problem.fixed[i]) map_.set_pose(window[i], problem.T_camera_world[i]);
-  for (std::size_t p = 0; p < points.size(); ++p) map_.set_position(points[p], problem.points[p]);
-  for (std::size_t i = 0; i < observed.size(); ++i)
-    if (result.outlier[i] && map_.find(observed[i].first))
-      map_.remove_observation(observed[i].first, observed[i].second);
-  for (const PointId point : points)
-    if (map_.find(point)) refresh_appearance(point);
-  disparity_bias_ += problem.disparity_bias;
-  disparity_bias_variance_ = 1 / (1 / disparity_bias_variance_ +
-                                  result.disparity_bias_information / (kBiasRepeats * options_.window)) +
-                             kBiasWalk * kBiasWalk;
-  map_.shift_disparities(problem.disparity_bias);
-}
-
 void LocalMapper::cull_keyframes(KeyframeId newest) {
   const std::vector<Covisible> candidates = map_.keyframe(newest).covisible;
   for (const Covisible& candidate : candidates) {
@@ -511,9 +405,16 @@ Vec3<float> LocalMapper::spread(const MapPoint& point) const {
   return (share * ray).cast<float>();
 }
 
+std::shared_ptr<const LocalMap> LocalMapper::copy_newest() const {
+  const KeyframeId newest = newest_before(KeyframeId{map_.keyframe_id_end()});
+  return newest.valid() && map_.keyframe(newest).map == current_ ? copy(newest) : nullptr;
+}
+
 std::shared_ptr<const LocalMap> LocalMapper::copy(KeyframeId newest) const {
   const Keyframe& keyframe = map_.keyframe(newest);
   auto local = std::make_shared<LocalMap>();
+  local->begun = begun_;
+  local->corrections = corrections_;
   local->newest = newest;
   local->newest_t = keyframe.t;
   local->newest_points = keyframe.points;

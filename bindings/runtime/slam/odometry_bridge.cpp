@@ -251,6 +251,11 @@ void OdometryBridge::follow_map(const SE3d& T_new_old) {
     filter_.move_world(T_new_old);
 }
 
+void OdometryBridge::move_map(const SE3d& T_new_old) {
+  if (seen_) seen_->second = T_new_old * seen_->second;
+  filter_.move_world(T_new_old);
+}
+
 std::vector<Event> OdometryBridge::take_events() { return std::exchange(events_, {}); }
 
 }  // namespace sweepkit

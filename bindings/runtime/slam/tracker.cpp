@@ -87,6 +87,17 @@ TrackResult Tracker::start(StereoFrame& frame) {
   return {.state = TrackingState::tracking, .wants_keyframe = true, .starts_map = true};
 }
 
+bool Tracker::begin_map(StereoFrame& frame) {
+  if (count_certain(frame) < options_.min_start_points) return false;
+  // As at the start: until the mapper has made a copy, frames are tracked against the one before.
+  map_ = std::make_shared<LocalMap>();
+  std::fill(frame.points.begin(), frame.points.end(), PointId{});
+  frame.reference = KeyframeId{};
+  frame.T_camera_reference = SE3d();
+  keep_as_last(frame);
+  return true;
+}
+
 TrackResult Tracker::lose(StereoFrame& frame) {
   ++lost_frames_;
   std::fill(frame.points.begin(), frame.points.end(), PointId{});

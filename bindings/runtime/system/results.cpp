@@ -78,6 +78,17 @@ Json direction_json(const Sweeper& sweeper) {
           {"window_angle_deg", found->angle * kDegrees}};
 }
 
+Json places_json(const PlaceCounts& counts) {
+  Json rejected = Json::object();
+  for (std::size_t i = 1; i < kPlaceRejections; ++i)
+    if (counts.rejected[i] > 0)
+      rejected[std::string(to_string(static_cast<PlaceRejection>(i)))] = counts.rejected[i];
+  return {{"queries", counts.queries},
+          {"candidates", counts.candidates},
+          {"accepted", counts.accepted},
+          {"rejected", rejected}};
+}
+
 // What was known of the sensors that do not see, at the last image.
 Json motion_json(const Sweeper& sweeper) {
   const auto state = sweeper.navigation();
@@ -150,16 +161,16 @@ Trajectory optimized_trajectory(const Sweeper& sweeper) {
 
 std::string keyframes_tum(const Map& map, const SE3d& T_body_camera) {
   std::string text;
-  for (std::uint32_t m = 0; m < map.map_count(); ++m) {
+  for (const MapId id : map.maps()) {
     std::string lines;
     int count = 0;
     for (std::uint32_t k = 0; k < map.keyframe_id_end(); ++k) {
       const Keyframe* keyframe = map.find(KeyframeId{k});
-      if (!keyframe || keyframe->map != MapId{m}) continue;
+      if (!keyframe || keyframe->map != id) continue;
       ++count;
       lines += tum_line({keyframe->t, (T_body_camera * keyframe->T_camera_world).inverse()});
     }
-    text += fmt::format("# map {}: {} keyframes\n{}", m, count, lines);
+    text += fmt::format("# map {}: {} keyframes\n{}", id.value, count, lines);
   }
   return text;
 }
@@ -206,7 +217,11 @@ std::string summary_json(const Sweeper& sweeper, const RunRecord& record) {
       {"samples_dropped", counts.samples_dropped},
       {"imu_samples", counts.imu_samples},
       {"wheel_samples", counts.wheel_samples},
-      {"maps", map.map_count()},
+      {"maps", map.maps().size()},
+      {"maps_joined", counts.maps_joined},
+      {"loops_closed", counts.loops_closed},
+      {"loops_rejected", counts.loops_rejected},
+      {"places", places_json(sweeper.place_counts())},
       {"keyframes", map.keyframe_count()},
       {"keyframes_made", counts.keyframes_made},
       {"points", map.point_count()},

@@ -18,6 +18,8 @@
 #include <utility>
 #include <variant>
 
+#include "sweepkit/bow/default_vocabulary.hpp"
+
 namespace sweepkit {
 namespace {
 
@@ -52,8 +54,8 @@ class Sweeper::Impl {
         T_camera_body_(rig.T_body_camera().inverse()),
         frontend_(rig, options.frontend),
         tracker_(rectified_camera(rig), rig.bounds(), levels(), options.tracker, T_camera_body_),
-        mapper_(rectified_camera(rig), rig.bounds(), levels(), options.mapper),
         bridge_(sensors, options.odometry),
+        mapper_(rectified_camera(rig), rig.bounds(), levels(), options.mapper),
         live_(bridge_.filter()) {
     if (sensors.imu && options_.main_direction.enabled)
       direction_search_.emplace(
@@ -62,7 +64,15 @@ class Sweeper::Impl {
                           {},
                           {},
                           std::nullopt});
+    if (options_.places.enabled) {
+      const std::string& file = options_.places.vocabulary;
+      recognizer_.emplace(rectified_camera(rig), rig.bounds(), levels(),
+                          file.empty() ? default_orb_vocabulary() : open_place_vocabulary(file),
+                          options_.places.recognizer);
+    }
+    if (sensors.imu) gravity_ = -Vec3<double>::UnitZ();
     if (options_.realtime) {
+      adjusting_thread_ = std::thread([this] { run_adjusting(); });
       tracking_thread_ = std::thread([this] { run_tracking(); });
       mapping_thread_ = std::thread([this] { run_mapping(); });
     }
@@ -73,6 +83,7 @@ class Sweeper::Impl {
       const std::scoped_lock lock(queue_mutex_);
       images_.clear();
       candidates_.clear();
+      leaving_ = true;
     }
     finish();
   }
@@ -158,6 +169,7 @@ class Sweeper::Impl {
     }
     queue_changed_.notify_all();
     if (mapping_thread_.joinable()) mapping_thread_.join();
+    if (adjusting_thread_.joinable()) adjusting_thread_.join();
     take_local_map();  // the last keyframe's, so that its image follows it
     if (direction_search_ && last_image_ != kNever)
       tell(Event(last_image_, "main_direction").with("found", false));
@@ -214,6 +226,10 @@ class Sweeper::Impl {
   const SweeperOptions& options() const { return options_; }
   const StageClock& stage_clock() const { return clock_; }
   const Map& map() const { return mapper_.map(); }
+  const PlaceCounts& place_counts() const {
+    static const PlaceCounts kNone;
+    return recognizer_ ? recognizer_->counts() : kNone;
+  }
   std::optional<NavigationState> navigation() const {
     const std::scoped_lock lock(state_mutex_);
     return navigation_;
@@ -313,6 +329,9 @@ class Sweeper::Impl {
     if (!bridge_.started()) bridge_.start(t);
     bridge_.advance(t);
     for (const Event& event : bridge_.take_events()) tell(event);
+    // Carried, or about to be: what comes next may be anywhere.
+    if (bridge_.lifted() && !lifted_) leave_map_ = "lifted";
+    lifted_ = bridge_.lifted();
   }
 
   // What came after the image carries the pose on from what is known now.
@@ -370,6 +389,17 @@ class Sweeper::Impl {
       const auto scope = clock_.time(Stage::track);
       result = tracker_.track(frame_, prior ? &*prior : nullptr);
     }
+    // Without odometry nobody knows where the robot is when it sees again.
+    if (result.state == TrackingState::lost && result.starts_map && !prior) leave_map_ = "lost";
+    const bool begins = leave_map_ && result.state != TrackingState::starting && tracker_.begin_map(frame_);
+    if (begins) {
+      ++begun_;
+      result.wants_keyframe = result.starts_map = true;
+      result.blind = false;
+      tell(Event(image.t, "map_created")
+               .with("map", begun_)
+               .with("reason", *std::exchange(leave_map_, std::nullopt)));
+    }
     tracked.T_map_body = frame_.T_camera_world.inverse() * T_camera_body_;
     tracked.reference = frame_.reference;
     tracked.T_camera_reference = frame_.T_camera_reference;
@@ -392,7 +422,12 @@ class Sweeper::Impl {
     tell_state(image.t, result);
     if (!result.wants_keyframe || !((result.starts_map && !result.blind) || mapper_has_room()))
       return std::nullopt;
-    KeyframeCandidate candidate{frame_, tracker_.take_counts(), result.starts_map, std::nullopt};
+    KeyframeCandidate candidate{.frame = frame_,
+                                .counts = tracker_.take_counts(),
+                                .starts_map = result.starts_map,
+                                .begins_map = begins,
+                                .begun = begun_,
+                                .odometry = std::nullopt};
     if (result.blind) {
       candidate.frame.measurements.clear();
       candidate.frame.descriptors.clear();
@@ -505,7 +540,7 @@ class Sweeper::Impl {
       restarted_ = false;
     }
     if (result.state == TrackingState::tracking && state_ == TrackingState::starting)
-      tell(Event(t, "map_created").with("map", 0));
+      tell(Event(t, "map_created").with("map", 0).with("reason", "start"));
     restarted_ |= result.state == TrackingState::lost && result.starts_map;
     state_ = result.state;
     const std::scoped_lock lock(state_mutex_);
@@ -542,20 +577,83 @@ class Sweeper::Impl {
     queue_changed_.notify_all();
   }
 
+  // In the thread of mapping.
   void map_keyframe(KeyframeCandidate&& candidate) {
-    const auto scope = clock_.time(Stage::local_ba);
-    auto local_map = mapper_.process(std::move(candidate), &hurry_);
+    std::shared_ptr<const LocalMap> local_map;
+    if (candidate.begins_map || !mapper_.current_map().valid()) map_begun_at_ = candidate.frame.t;
+    {
+      const auto scope = clock_.time(Stage::local_ba);
+      local_map = mapper_.process(std::move(candidate), &hurry_);
+    }
+    publish(local_map);
+    if (recognizer_) look_around(local_map->newest);
+  }
+
+  void publish(std::shared_ptr<const LocalMap> local_map, std::vector<Event> news = {}) {
+    if (!local_map) return;
     const std::scoped_lock lock(queue_mutex_);
     new_local_map_ = std::move(local_map);
+    news_.insert(news_.end(), news.begin(), news.end());
+  }
+
+  // Was the robot here before?
+  void look_around(KeyframeId newest) {
+    std::optional<PlaceMatch> match;
+    {
+      const auto scope = clock_.time(Stage::place);
+      recognizer_->database().follow(mapper_.map());
+      match = recognizer_->feed(mapper_.map(), newest, gravity_ ? &*gravity_ : nullptr);
+    }
+    if (!match) return;
+    const auto scope = clock_.time(Stage::loop);
+    const TimeNs t = mapper_.map().keyframe(newest).t;
+    const MapId from = mapper_.map().keyframe(newest).map;
+    const LoopCorrection correction = mapper_.take_place(*match);
+    Event event(t, !correction.accepted ? "loop_rejected"
+                   : correction.joined  ? "maps_joined"
+                                        : "loop_closed");
+    event.with("keyframe", match->candidate.value).with("points", match->pairs.size());
+    if (correction.joined) event.with("map", match->map.value).with("joined", from.value);
+    if (!correction.joined) event.with("contradiction", correction.contradiction);
+    {
+      const std::scoped_lock lock(state_mutex_);
+      ++(correction.joined     ? counts_.maps_joined
+         : correction.accepted ? counts_.loops_closed
+                               : counts_.loops_rejected);
+    }
+    if (!correction.accepted) return tell(event);
+    std::vector<Event> news{event};
+    if (correction.joined)
+      news.push_back(Event(t, "relocalized")
+                         .with("map", match->map.value)
+                         .with("seconds", to_seconds(t - map_begun_at_)));
+    publish(mapper_.copy_newest(), news);
+    GlobalAdjustment global = mapper_.begin_global_adjustment();
+    if (!options_.realtime) {
+      global.solve(rectified_camera(rig_), options_.mapper.global);
+      publish(mapper_.finish_global_adjustment(global));
+      return;
+    }
+    {
+      const std::scoped_lock lock(queue_mutex_);
+      to_adjust_ = std::move(global);
+      stop_adjusting_ = true;  // an older one is of no use any more
+    }
+    queue_changed_.notify_all();
   }
 
   void take_local_map() {
     std::shared_ptr<const LocalMap> map;
+    std::vector<Event> news;
     {
       const std::scoped_lock lock(queue_mutex_);
       map = std::exchange(new_local_map_, nullptr);
+      news.swap(news_);
     }
-    if (!map) return;
+    if (!map || map->begun != begun_) {
+      for (const Event& event : news) tell(event);
+      return;
+    }
     const SE3d T_map_body_before = tracker_.last_T_camera_world().inverse() * T_camera_body_;
     tracker_.set_local_map(map);
     local_map_ = map;
@@ -567,7 +665,18 @@ class Sweeper::Impl {
     const SE3d T_map_body_after = tracker_.last_T_camera_world().inverse() * T_camera_body_;
     // The map was corrected under the robot: odom stays, and the correction goes between the two frames.
     T_odom_map_ = T_odom_map_ * T_map_body_before * T_map_body_after.inverse();
-    if (bridge_.started()) bridge_.follow_map(T_map_body_after * T_map_body_before.inverse());
+    const SE3d T_moved = T_map_body_before.inverse() * T_map_body_after;
+    for (Event& event : news)
+      tell(event.with("moved_m", T_moved.translation().norm())
+               .with("turned_deg", T_moved.rotation().angle() * 180 / std::numbers::pi));
+    if (bridge_.started()) {
+      const SE3d T_new_old = T_map_body_after * T_map_body_before.inverse();
+      if (map->corrections != corrections_)
+        bridge_.move_map(T_new_old);
+      else
+        bridge_.follow_map(T_new_old);
+    }
+    corrections_ = map->corrections;
     const std::scoped_lock lock(state_mutex_);
     const auto it = std::lower_bound(history_.begin(), history_.end(), map->newest_t,
                                      [](const TrackedImage& image, TimeNs key) { return image.t < key; });
@@ -609,17 +718,58 @@ class Sweeper::Impl {
 
   void run_mapping() {
     for (;;) {
-      KeyframeCandidate candidate;
+      std::optional<GlobalAdjustment> adjusted;
+      std::optional<KeyframeCandidate> candidate;
       {
         std::unique_lock lock(queue_mutex_);
-        queue_changed_.wait(lock, [this] { return tracking_done_ || !candidates_.empty(); });
-        if (candidates_.empty()) return;
-        candidate = std::move(candidates_.front());
-        candidates_.pop_front();
-        hurry_ = !candidates_.empty();
+        const auto adjusting = [this] { return to_adjust_ || adjusting_; };
+        queue_changed_.wait(lock, [&] {
+          return adjusted_ || !candidates_.empty() || (tracking_done_ && (!adjusting() || leaving_));
+        });
+        adjusted.swap(adjusted_);
+        if (!candidates_.empty()) {
+          candidate = std::move(candidates_.front());
+          candidates_.pop_front();
+          hurry_ = !candidates_.empty();
+        }
+        if (!adjusted && !candidate) {
+          mapping_done_ = true;
+          stop_adjusting_ = true;
+          break;
+        }
       }
-      const TimeNs t = candidate.frame.t;
-      guard(t, "mapping", [&] { map_keyframe(std::move(candidate)); });
+      if (adjusted)
+        guard(last_mapped_, "mapping", [&] { publish(mapper_.finish_global_adjustment(*adjusted)); });
+      if (!candidate) continue;
+      last_mapped_ = candidate->frame.t;
+      guard(last_mapped_, "mapping", [&] { map_keyframe(std::move(*candidate)); });
+    }
+    queue_changed_.notify_all();
+  }
+
+  // Whole maps are adjusted beside mapping, which goes on.
+  void run_adjusting() {
+    for (;;) {
+      GlobalAdjustment global;
+      {
+        std::unique_lock lock(queue_mutex_);
+        queue_changed_.wait(lock, [this] { return mapping_done_ || to_adjust_; });
+        if (mapping_done_) return;
+        global = std::move(*to_adjust_);
+        to_adjust_.reset();
+        adjusting_ = true;
+        stop_adjusting_ = false;
+      }
+      guard(global.t, "mapping", [&] {
+        const auto scope = clock_.time(Stage::loop);
+        global.solve(rectified_camera(rig_), options_.mapper.global, &stop_adjusting_);
+      });
+      {
+        const std::scoped_lock lock(queue_mutex_);
+        adjusting_ = false;
+        adjusted_ = std::move(global);
+      }
+      queue_changed_.notify_all();
     }
   }
 
@@ -638,7 +788,11 @@ class Sweeper::Impl {
   TrackingState state_ = TrackingState::starting;
   TimeNs lost_since_ = 0;
   double told_disparity_bias_ = 0;
-  bool restarted_ = false;  // since it was lost vision has started again at the last pose
+  bool restarted_ = false;                // since it was lost vision has started again at the last pose
+  std::optional<const char*> leave_map_;  // a new map is to begin, and why
+  bool lifted_ = false;
+  int begun_ = 0;        // maps left behind
+  int corrections_ = 0;  // of this map, as known
 
   std::shared_ptr<const LocalMap> local_map_;  // the tracker's
   struct DirectionSearch {
@@ -651,10 +805,16 @@ class Sweeper::Impl {
   bool dark_ = false;
   bool moved_before_ = false;  // there was a keyframe from which odometry counts
 
-  LocalMapper mapper_;
   OdometryBridge bridge_;  // of the frame path
   std::vector<MotionSample> due_;
-  std::atomic<bool> hurry_ = false;  // another keyframe waits: mapping leaves early
+
+  // Of mapping.
+  LocalMapper mapper_;
+  std::optional<PlaceRecognizer> recognizer_;
+  std::optional<Vec3<double>> gravity_;  // in all maps, unit
+  TimeNs last_mapped_ = 0, map_begun_at_ = 0;
+  std::atomic<bool> hurry_ = false;           // another keyframe waits: mapping leaves early
+  std::atomic<bool> stop_adjusting_ = false;  // what the whole map is adjusted from has changed
 
   std::mutex feed_mutex_;
   TimeNs last_imu_ = kNever, last_wheels_ = kNever, last_image_ = kNever;
@@ -667,6 +827,9 @@ class Sweeper::Impl {
   std::shared_ptr<const LocalMap> new_local_map_;
   bool finished_ = false;       // guarded by feed_mutex_ and queue_mutex_
   bool tracking_done_ = false;  // guarded by queue_mutex_
+  std::vector<Event> news_;     // of the map, told when the tracker takes it
+  std::optional<GlobalAdjustment> to_adjust_, adjusted_;
+  bool adjusting_ = false, mapping_done_ = false, leaving_ = false;
 
   mutable std::mutex state_mutex_;  // never held for longer than a copy
   std::deque<TrackedImage> history_;
@@ -683,7 +846,7 @@ class Sweeper::Impl {
   std::optional<MainDirection> main_direction_;
   std::condition_variable samples_came_;
 
-  std::thread tracking_thread_, mapping_thread_;
+  std::thread tracking_thread_, mapping_thread_, adjusting_thread_;
 };
 
 Sweeper::Sweeper(const StereoRig& rig, const SweeperOptions& options, EventSink* events, FrameSink* frames) {
@@ -708,6 +871,7 @@ SE3d Sweeper::optimized_pose(const TrackedImage& image) const { return impl_->op
 const StageClock& Sweeper::stage_clock() const { return impl_->stage_clock(); }
 const Map& Sweeper::map() const { return impl_->map(); }
 std::optional<NavigationState> Sweeper::navigation() const { return impl_->navigation(); }
+const PlaceCounts& Sweeper::place_counts() const { return impl_->place_counts(); }
 std::optional<MainDirection> Sweeper::main_direction() const { return impl_->main_direction(); }
 
 }  // namespace sweepkit

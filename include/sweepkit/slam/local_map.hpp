@@ -28,6 +28,10 @@ struct LocalPoint {
 /// What the tracker knows of the map: a copy, made by the mapper after each keyframe and never changed again,
 /// so that a frame waits for nobody.
 struct LocalMap {
+  /// Counts the maps that tracking began: a copy of one that it has left is of no use to it.
+  int begun = 0;
+  /// How often this map was moved as a whole or bent: by joins and loops, not by local adjustment.
+  int corrections = 0;
   KeyframeId newest;                   ///< keyframe it was made for
   TimeNs newest_t = 0;                 ///< its stamp
   std::vector<PointId> newest_points;  ///< its points, by measurement

@@ -13,7 +13,9 @@
 #include "sweepkit/map/map.hpp"
 #include "sweepkit/match/brute_force.hpp"
 #include "sweepkit/motion/integrators.hpp"
+#include "sweepkit/slam/global_adjustment.hpp"
 #include "sweepkit/slam/local_map.hpp"
+#include "sweepkit/slam/loop_correction.hpp"
 #include "sweepkit/slam/scale_levels.hpp"
 #include "sweepkit/slam/stereo_frame.hpp"
 #include "sweepkit/solve/bundle.hpp"
@@ -42,6 +44,8 @@ struct LocalMapperOptions {
   int scale_points = 50;
   BruteForceOptions triangulation = {.max_distance = 50, .ratio = 0.85};
   BundleOptions bundle;
+  LoopCorrectionOptions loop;
+  BundleOptions global{.robust_iterations = 4, .iterations = 4};
 
   template <class Visitor>
   void visit_options(Visitor& v) {
@@ -83,6 +87,8 @@ struct LocalMapperOptions {
     v(scale_points, "scale_points", "", range(0, 10000), "a keyframe sees if it has so many points");
     v.group(triangulation, "triangulation", "which measurements of two keyframes are tried");
     v.group(bundle, "bundle", "local bundle adjustment");
+    v.group(loop, "loop", "places known again");
+    v.group(global, "global", "bundle adjustment of the whole map after them");
   }
 };
 
@@ -98,6 +104,8 @@ struct KeyframeCandidate {
   StereoFrame frame;
   std::vector<PointCount> counts;  ///< since the last candidate
   bool starts_map = false;         ///< it knows no points: its pose is where a map starts, or starts again
+  bool begins_map = false;         ///< and that map is another one than so far
+  int begun = 0;                   ///< how many maps tracking has begun, the first not counted
   /// The motion of the camera since the candidate before, if wheels or IMU tell.
   std::optional<UncertainMotion<double>> odometry;
 };
@@ -116,7 +124,22 @@ class LocalMapper {
   std::shared_ptr<const LocalMap> process(KeyframeCandidate&& candidate,
                                           const std::atomic<bool>* stop = nullptr);
 
+  /// Makes the map hold that its newest keyframe shows a place known before: joins the two maps or closes the
+  /// loop, fuses the points of both sides and adjusts the seam. Nothing changes if it is not accepted.
+  /// Whoever wants the tracker to know calls `copy_newest`.
+  LoopCorrection take_place(const PlaceMatch& match);
+  /// The tracker's copy as the map stands; null before the first keyframe.
+  std::shared_ptr<const LocalMap> copy_newest() const;
+  /// Copies the current map for an adjustment of all of it, which takes long and may run beside.
+  GlobalAdjustment begin_global_adjustment() const;
+  /// Takes its result over; keyframes and points made meanwhile go along with those they hang on.
+  /// @return the tracker's new copy; null, and nothing changes, if it was not solved or the map was corrected
+  ///   otherwise meanwhile
+  std::shared_ptr<const LocalMap> finish_global_adjustment(const GlobalAdjustment& global);
+
   const Map& map() const { return map_; }
+  /// The map that keyframes go into; none before the first.
+  MapId current_map() const { return current_; }
   /// By how much the rig measures all disparities too large, estimated with the map; it is taken off them
   /// [px].
   double disparity_bias() const { return disparity_bias_; }
@@ -136,6 +159,11 @@ class LocalMapper {
   KeyframeId newest_before(KeyframeId id) const;
   KeyframeId last_seeing(KeyframeId id) const;
   std::vector<KeyframeId> adjustment_window(KeyframeId id) const;
+  std::vector<KeyframeId> fixed_around(const std::vector<KeyframeId>& window) const;
+  std::vector<PointId> points_of(const std::vector<KeyframeId>& keyframes) const;
+  MapBundle bundle_of(const std::vector<KeyframeId>& window, const std::vector<KeyframeId>& fixed) const;
+  void drop_outliers(const MapBundle& bundle);
+  void fuse_place(const PlaceMatch& match);
   Mat6<double> odometry_covariance(KeyframeId id) const;
   Vec3<float> spread(const MapPoint& point) const;
   std::shared_ptr<const LocalMap> copy(KeyframeId newest) const;
@@ -146,6 +174,9 @@ class LocalMapper {
   LocalMapperOptions options_;
   Map map_;
   MapId current_;
+  int begun_ = 0;        // that current_ is the how manieth begun
+  int corrections_ = 0;  // of current_ as a whole
+  SE3d T_now_begun_;     // where these took its frame, since it began
   double disparity_bias_ = 0;
   std::vector<PointId> recent_points_;
   double disparity_bias_variance_;  // of what remains of it

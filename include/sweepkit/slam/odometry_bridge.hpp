@@ -79,9 +79,11 @@ class OdometryBridge {
   /// T_world_body
   void correct(const SE3d& T_world_body, const Mat6<double>& covariance);
   /// The map around the robot was adjusted. What local adjustment moves, it moves because it knows better
-  /// where the robot came along: velocity and wheels learn from it. Larger moves, of loops and joins, tell
-  /// nothing of that and take the robot along.
+  /// where the robot came along: velocity and wheels learn from it. Larger moves tell nothing of that and
+  /// take the robot along.
   void follow_map(const SE3d& T_new_old);
+  /// The map was moved under the robot as a whole, by a loop or a join.
+  void move_map(const SE3d& T_new_old);
 
   /// How the body moved by wheels and gyro alone since the last call, or the start, until the last advance.
   UncertainMotion<double> take_motion();

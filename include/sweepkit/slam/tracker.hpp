@@ -109,6 +109,10 @@ class Tracker {
   /// @param prior where odometry says that it is; null without odometry
   TrackResult track(StereoFrame& frame, const MotionPrior* prior = nullptr);
 
+  /// Leaves the map: a new one begins at the frame just tracked or lost, with the pose that it has. False,
+  /// and nothing changes, if the frame shows too few stereo points for that.
+  bool begin_map(StereoFrame& frame);
+
   /// Where the camera is expected, moving on as between the last two frames; nothing before there is a map.
   std::optional<SE3d> predict(TimeNs t) const;
   /// Pose of the last frame tracked, in the map as it stands.

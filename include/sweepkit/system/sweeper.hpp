@@ -6,6 +6,7 @@
 #include <cstdint>
 #include <memory>
 #include <optional>
+#include <string>
 #include <vector>
 
 #include "sweepkit/core/event.hpp"
@@ -20,6 +21,7 @@
 #include "sweepkit/slam/frontend.hpp"
 #include "sweepkit/slam/local_mapper.hpp"
 #include "sweepkit/slam/odometry_bridge.hpp"
+#include "sweepkit/slam/place_recognition.hpp"
 #include "sweepkit/slam/tracker.hpp"
 
 namespace sweepkit {
@@ -62,6 +64,21 @@ struct MainDirectionSearchOptions {
   }
 };
 
+/// Places known again: loops, maps that meet, the way back into a map.
+struct PlaceOptions {
+  bool enabled = true;
+  std::string vocabulary;
+  PlaceRecognizerOptions recognizer;
+
+  template <class Visitor>
+  void visit_options(Visitor& v) {
+    v(enabled, "enabled", "", any_value(), "look in all maps for the place of each new keyframe");
+    v(vocabulary, "vocabulary", "", any_value(),
+      "file of the vocabulary, sweepkit's own format; none: the one that comes with the library");
+    v.group(recognizer, "recognizer", "what is taken for the same place");
+  }
+};
+
 /// What the whole system may be told.
 struct SweeperOptions {
   bool realtime = false;
@@ -75,6 +92,7 @@ struct SweeperOptions {
   LocalMapperOptions mapper;
   OdometryBridgeOptions odometry;
   MainDirectionSearchOptions main_direction;
+  PlaceOptions places;
 
   template <class Visitor>
   void visit_options(Visitor& v) {
@@ -95,6 +113,7 @@ struct SweeperOptions {
     v.group(mapper, "mapper", "the map");
     v.group(odometry, "odometry", "wheels and IMU");
     v.group(main_direction, "main_direction", "the room's main direction, at the start");
+    v.group(places, "places", "places known again");
   }
 };
 
@@ -129,6 +148,9 @@ struct SweeperCounts {
   std::int64_t imu_samples = 0;
   std::int64_t wheel_samples = 0;
   std::int64_t keyframes_made = 0;
+  std::int64_t loops_closed = 0;
+  std::int64_t maps_joined = 0;
+  std::int64_t loops_rejected = 0;  ///< recognized, but the rest of the map contradicted them
 };
 
 /// The whole system. Feeds may be called from any threads, one for each kind of sample; they never throw:
@@ -183,6 +205,8 @@ class Sweeper {
   /// What is known of motion as of the last image: velocity, biases, the vertical, the wheels; nothing
   /// without IMU and wheels or before the first image. Thread-safe.
   std::optional<NavigationState> navigation() const;
+  /// What became of the search for places known again; in real time only after finish.
+  const PlaceCounts& place_counts() const;
   /// The room's main direction, once it is found. Thread-safe.
   std::optional<MainDirection> main_direction() const;
 

@@ -1,0 +1,40 @@
+// SPDX-FileCopyrightText: The sweepkit authors
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <atomic>
+#include <utility>
+#include <vector>
+
+#include "sweepkit/core/ids.hpp"
+#include "sweepkit/core/time.hpp"
+#include "sweepkit/solve/bundle.hpp"
+
+namespace sweepkit {
+
+/// Keyframes and points of a map as bundle adjustment takes them: a copy, so that it can be solved in any
+/// thread while the map goes on. LocalMapper makes it and takes it back.
+struct MapBundle {
+  BundleProblem problem;
+  std::vector<KeyframeId> keyframes;                     ///< by pose of the problem
+  std::vector<PointId> points;                           ///< by point
+  std::vector<std::pair<PointId, KeyframeId>> observed;  ///< by observation
+  BundleResult result;
+};
+
+/// Bundle adjustment of a whole map.
+struct GlobalAdjustment {
+  TimeNs t = 0;  ///< stamp of the newest keyframe in it
+  MapBundle bundle;
+  int corrections = 0;  ///< of the map when it was copied: after another one the result is of no use
+  bool solved = false;
+
+  /// May take seconds. @param stop as solve_bundle
+  void solve(const RectifiedCamera& camera, const BundleOptions& options,
+             const std::atomic<bool>* stop = nullptr) {
+    bundle.result = solve_bundle(camera, bundle.problem, options, stop);
+    solved = bundle.result.usable;
+  }
+};
+
+}  // namespace sweepkit
