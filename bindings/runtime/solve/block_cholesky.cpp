@@ -8,6 +8,7 @@
 #include <cmath>
 #include <cstring>
 
+#include "small_matrix.hpp"
 #include "sweepkit/core/simd.hpp"
 
 namespace sweepkit {
@@ -118,25 +119,6 @@ auto solve_kernel() {
   if (simd_level() == SimdLevel::avx2) return solve_avx2<D>;
 #endif
   return solve_portable<D>;
-}
-
-// The Cholesky factor of one block, its upper part zero; false unless it is positive definite.
-template <int D>
-bool factorize_block(Eigen::Matrix<double, D, D>& A) {
-  for (int k = 0; k < D; ++k) {
-    double d = A(k, k);
-    for (int p = 0; p < k; ++p) d -= A(k, p) * A(k, p);
-    if (!(d > 0.0) || !std::isfinite(d)) return false;
-    d = std::sqrt(d);
-    A(k, k) = d;
-    for (int i = k + 1; i < D; ++i) {
-      double s = A(i, k);
-      for (int p = 0; p < k; ++p) s -= A(i, p) * A(k, p);
-      A(i, k) = s / d;
-      A(k, i) = 0.0;
-    }
-  }
-  return true;
 }
 
 std::vector<int> order_of_elimination(int size, const std::vector<std::pair<int, int>>& pairs) {
@@ -262,7 +244,7 @@ bool BlockCholesky<D>::factorize(double damping) {
   std::vector<Stretch> stretches;
   for (int k = 0; k < size(); ++k) {
     Block& L = factor_diagonal_[static_cast<std::size_t>(k)];
-    if (!factorize_block<D>(L)) return false;
+    if (!small::factorize<D>(L)) return false;
     const int begin = begin_[static_cast<std::size_t>(k)];
     const std::ptrdiff_t ld = static_cast<std::ptrdiff_t>(count(k)) * D;
     double* A = panel(factor_, begin);
@@ -334,48 +316,61 @@ void BlockCholesky<D>::solve(Eigen::VectorXd& x) const {
 
 template <int D>
 void BlockCholesky<D>::invert() {
-  using Matrix = Eigen::MatrixXd;
   const auto subtract = subtract_kernel<D>();
   inverse_diagonal_.resize(diagonal_.size());
   inverse_.resize(factor_.size());
-  Matrix S, Y;
+  std::vector<double> S, Y;
   for (int k = size() - 1; k >= 0; --k) {
     const int begin = begin_[static_cast<std::size_t>(k)], m = count(k);
-    Block L_inverse = Block::Identity();
-    factor_diagonal_[static_cast<std::size_t>(k)].template triangularView<Eigen::Lower>().solveInPlace(
-        L_inverse);
+    const Block L_inverse =
+        small::solve_lower<D, D>(factor_diagonal_[static_cast<std::size_t>(k)], Block::Identity());
     Block& diagonal = inverse_diagonal_[static_cast<std::size_t>(k)];
-    diagonal.noalias() = L_inverse.transpose().lazyProduct(L_inverse);
+    diagonal = small::product<D, D, D>(small::transposed<D, D>(L_inverse), L_inverse);
     if (m == 0) continue;
     // The inverse over the rows of this column is known, since they come later and L's pattern is closed.
-    S.resize(m * D, m * D);
+    const std::ptrdiff_t ld = static_cast<std::ptrdiff_t>(m) * D;
+    S.resize(static_cast<std::size_t>(ld * ld));
     for (int a = 0; a < m; ++a) {
       const int column = rows(k)[a];
-      S.block<D, D>(a * D, a * D) = inverse_diagonal_[static_cast<std::size_t>(column)];
-      const std::ptrdiff_t ld = static_cast<std::ptrdiff_t>(count(column)) * D;
+      double* to = S.data() + ld * D * a;
+      const double* from_diagonal = inverse_diagonal_[static_cast<std::size_t>(column)].data();
+      for (int c = 0; c < D; ++c) std::memcpy(to + a * D + c * ld, from_diagonal + c * D, D * sizeof(double));
+      const std::ptrdiff_t ld_from = static_cast<std::ptrdiff_t>(count(column)) * D;
       const double* from = panel(inverse_, begin_[static_cast<std::size_t>(column)]);
       const auto block = static_cast<std::size_t>(begin + a);
       for (int r = run_begin_[block]; r < run_begin_[block + 1]; ++r) {
         const Run& run = runs_[static_cast<std::size_t>(r)];
         for (int c = 0; c < D; ++c)
-          std::memcpy(&S(run.from * D, a * D + c), from + run.to * D + c * ld,
+          std::memcpy(to + run.from * D + c * ld, from + run.to * D + c * ld_from,
                       sizeof(double) * static_cast<std::size_t>(run.count) * D);
       }
+      for (int c = 0; c < D; ++c)
+        for (std::ptrdiff_t r = (a + 1) * D; r < ld; ++r)
+          S[static_cast<std::size_t>(r * ld + a * D + c)] = to[c * ld + r];
     }
-    S.template triangularView<Eigen::StrictlyUpper>() = S.transpose();
-    const Eigen::Map<const Eigen::Matrix<double, Eigen::Dynamic, D>> panel_k(panel(factor_, begin), m * D, D);
-    Y.noalias() = panel_k * L_inverse;
-    Eigen::Map<Eigen::Matrix<double, Eigen::Dynamic, D>> result(panel(inverse_, begin), m * D, D);
-    result.setZero();
+    // Y = -panel L_kk^-1, and the column of the inverse is S Y.
+    double by_rows[D * D];
+    for (int c = 0; c < D; ++c)
+      for (int p = 0; p < D; ++p) by_rows[c * D + p] = L_inverse(p, c);
+    Y.assign(static_cast<std::size_t>(ld) * D, 0.0);
+    const Stretch whole{Y.data(), ld, panel(factor_, begin), ld};
+    subtract(&whole, 1, ld, by_rows);
+    double* result = panel(inverse_, begin);
+    std::fill_n(result, ld * D, 0.0);
     for (int a = 0; a < m; ++a) {
-      // Y's block, transposed and by rows: as it lies by columns.
-      double by_rows[D * D];
-      for (int c = 0; c < D; ++c) std::memcpy(by_rows + c * D, &Y(a * D, c), D * sizeof(double));
-      const Stretch all{result.data(), result.rows(), S.data() + S.rows() * D * a, S.rows()};
-      subtract(&all, 1, S.rows(), by_rows);
+      for (int c = 0; c < D; ++c)
+        for (int p = 0; p < D; ++p) by_rows[c * D + p] = -Y[static_cast<std::size_t>(c * ld + a * D + p)];
+      const Stretch stripe{result, ld, S.data() + ld * D * a, ld};
+      subtract(&stripe, 1, ld, by_rows);
     }
-    diagonal.noalias() -= Y.transpose() * result;
-    diagonal = (0.5 * (diagonal + diagonal.transpose())).eval();
+    for (int r = 0; r < D; ++r)
+      for (int c = 0; c <= r; ++c) {
+        double sum = 0.0;
+        for (std::ptrdiff_t q = 0; q < ld; ++q)
+          sum += Y[static_cast<std::size_t>(r * ld + q)] * result[c * ld + q];
+        diagonal(r, c) += sum;
+        diagonal(c, r) = diagonal(r, c);
+      }
   }
 }
 

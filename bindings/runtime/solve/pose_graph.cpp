@@ -2,16 +2,16 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "sweepkit/solve/pose_graph.hpp"
 
-#include <Eigen/Cholesky>
-#include <Eigen/Eigenvalues>
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <numbers>
 #include <numeric>
 #include <string>
 #include <type_traits>
 
 #include "block_cholesky.hpp"
+#include "small_matrix.hpp"
 #include "sweepkit/core/error.hpp"
 #include "sweepkit/solve/pose_graph_error.hpp"
 #include "sweepkit/solve/robust_loss.hpp"
@@ -34,6 +34,8 @@ struct FullFreedom {
   Jacobian along(const Pose&, const Jacobian& J) const {
     return J;
   }
+  template <class Information>
+  void blur(const Pose&, const Pose&, const Pose&, Information&) const {}
 };
 
 struct YawFreedom {
@@ -42,12 +44,28 @@ struct YawFreedom {
   using Step = Eigen::Vector4d;
 
   Vec3<double> up_world;
+  double tilt_sigma;  // [rad]
 
   SE3d moved(const SE3d& T_world_node, const Step& step) const {
     return move_level(T_world_node, step, up_world);
   }
   Eigen::Matrix<double, 6, 4> along(const SE3d& T_world_node, const Mat6<double>& J) const {
-    return J.lazyProduct(level_motion_basis(T_world_node, up_world));
+    return small::product<6, 6, 4>(J, level_motion_basis(T_world_node, up_world));
+  }
+  // Takes what the tilts of both ends may be wrong by into the edge's covariance.
+  void blur(const SE3d& T_w_i, const SE3d& T_w_j, const SE3d& T_i_j, Mat6<double>& information) const {
+    if (tilt_sigma == 0.0) return;
+    Mat6<double> J_i, J_j;
+    pose_graph_error(T_w_i, T_w_j, T_i_j, &J_i, &J_j);
+    Mat6<double> covariance = small::inverse<6>(information);
+    for (const auto& [J, T] : {std::pair(&J_i, &T_w_i), std::pair(&J_j, &T_w_j)}) {
+      const Mat3<double> R_node_world = T->rotation().matrix().transpose();
+      const Mat3<double> across = R_node_world * (Mat3<double>::Identity() - up_world * up_world.transpose());
+      const Eigen::Matrix<double, 6, 3> tilted =
+          small::product<6, 3, 3>(tilt_sigma * J->rightCols<3>(), across);
+      covariance += small::product<6, 3, 6>(tilted, small::transposed<6, 3>(tilted));
+    }
+    information = small::inverse<6>(covariance);
   }
 };
 
@@ -78,7 +96,8 @@ void check(const BasicPoseGraph<Pose>& graph, const PoseGraphOptions& options) {
     const double largest = edge.information.cwiseAbs().maxCoeff();
     if ((edge.information - edge.information.transpose()).cwiseAbs().maxCoeff() > 1e-9 * largest)
       throw Error(ErrorKind::argument, edge_place(l), "the information is not symmetric");
-    if (edge.information.llt().info() != Eigen::Success)
+    auto factor = edge.information;
+    if (!small::factorize(factor))
       throw Error(ErrorKind::argument, edge_place(l), "the information is not positive definite");
   }
   if (options.freedom == PoseGraphFreedom::yaw) {
@@ -147,7 +166,9 @@ class Solver {
   using Residual = typename Pose::Tangent;
   using Jacobian = Eigen::Matrix<double, kRows, kRows>;
   using EdgeJacobian = Eigen::Matrix<double, kRows, kSize>;
+  using Transposed = Eigen::Matrix<double, kSize, kRows>;
   using Step = typename Freedom::Step;
+  using Square = typename BlockCholesky<kSize>::Block;
   using Slot = typename BlockCholesky<kSize>::Slot;
 
   void set_up() {
@@ -174,13 +195,21 @@ class Solver {
       if (variable(edge.i) >= 0 && variable(edge.j) >= 0)
         pairs.emplace_back(variable(edge.i), variable(edge.j));
     H_ = BlockCholesky<kSize>(free_, pairs);
+    r.products = H_.factor_products();
     for (const auto& edge : graph_.edges)
       slots_.push_back(variable(edge.i) >= 0 && variable(edge.j) >= 0
                            ? H_.slot(variable(edge.i), variable(edge.j))
                            : Slot{});
     gradient_.resize(free_ * kSize);
+    for (const auto& edge : graph_.edges) {
+      information_.push_back(edge.information);
+      freedom_.blur(at(x_, edge.i), at(x_, edge.j), edge.T_i_j, information_.back());
+    }
   }
 
+  static double squared(const Jacobian& information, const Residual& e) {
+    return e.dot(small::product<kRows, kRows, 1>(information, e));
+  }
   int variable(int node) const { return variable_[static_cast<std::size_t>(node)]; }
   const Pose& at(const std::vector<Pose>& x, int node) const { return x[static_cast<std::size_t>(node)]; }
   bool asked_to_stop() {
@@ -222,7 +251,7 @@ class Solver {
         continue;
       }
       const Residual e = pose_graph_error(at(x, edge.i), at(x, edge.j), edge.T_i_j);
-      double cost = e.dot(edge.information * e);
+      double cost = squared(information_[l], e);
       if (edge.robust) {
         double weight;
         loss(cost, cost, weight);
@@ -243,29 +272,29 @@ class Solver {
       Residual e;
       EdgeJacobian J_i, J_j;
       error_of(edge, e, J_i, J_j);
-      Residual pull = edge.information * e;
+      Residual pull = small::product<kRows, kRows, 1>(information_[l], e);
       double weight = 1.0;
       if (edge.robust) {
         double cost;
         loss(e.dot(pull), cost, weight);
         pull *= weight;
       }
-      const EdgeJacobian W_i = (weight * edge.information).lazyProduct(J_i);
-      const EdgeJacobian W_j = (weight * edge.information).lazyProduct(J_j);
+      const Jacobian information = weight * information_[l];
+      const EdgeJacobian W_i = small::product<kRows, kRows, kSize>(information, J_i);
+      const EdgeJacobian W_j = small::product<kRows, kRows, kSize>(information, J_j);
+      const Transposed J_i_t = small::transposed<kRows, kSize>(J_i);
+      const Transposed J_j_t = small::transposed<kRows, kSize>(J_j);
       if (i >= 0) {
-        H_.diagonal(i) += J_i.transpose().lazyProduct(W_i);
-        gradient_.template segment<kSize>(i * kSize) += J_i.transpose() * pull;
+        H_.diagonal(i) += small::product<kSize, kRows, kSize>(J_i_t, W_i);
+        gradient_.template segment<kSize>(i * kSize) += small::product<kSize, kRows, 1>(J_i_t, pull);
       }
       if (j >= 0) {
-        H_.diagonal(j) += J_j.transpose().lazyProduct(W_j);
-        gradient_.template segment<kSize>(j * kSize) += J_j.transpose() * pull;
+        H_.diagonal(j) += small::product<kSize, kRows, kSize>(J_j_t, W_j);
+        gradient_.template segment<kSize>(j * kSize) += small::product<kSize, kRows, 1>(J_j_t, pull);
       }
-      if (i >= 0 && j >= 0) {
-        if (slots_[l].transposed)
-          H_.off_diagonal(slots_[l]) += J_j.transpose().lazyProduct(W_i);
-        else
-          H_.off_diagonal(slots_[l]) += J_i.transpose().lazyProduct(W_j);
-      }
+      if (i >= 0 && j >= 0)
+        H_.off_diagonal(slots_[l]) += slots_[l].transposed ? small::product<kSize, kRows, kSize>(J_j_t, W_i)
+                                                           : small::product<kSize, kRows, kSize>(J_i_t, W_j);
     }
   }
 
@@ -344,28 +373,35 @@ class Solver {
       Residual e;
       EdgeJacobian J_i, J_j;
       error_of(edge, e, J_i, J_j);
-      const Jacobian U = edge.information.llt().matrixU();
-      e = (U * e).eval();
-      J_i = U.lazyProduct(J_i).eval();
-      J_j = U.lazyProduct(J_j).eval();
+      Jacobian root = information_[l];
+      small::factorize<kRows>(root);
+      const Jacobian U = small::transposed<kRows, kRows>(root);
+      e = small::product<kRows, kRows, 1>(U, e);
+      J_i = small::product<kRows, kRows, kSize>(U, J_i);
+      J_j = small::product<kRows, kRows, kSize>(U, J_j);
+      const auto between = [&](const EdgeJacobian& A, const Square& S, const EdgeJacobian& B) {
+        return small::product<kRows, kSize, kRows>(small::product<kRows, kSize, kSize>(A, S),
+                                                   small::transposed<kRows, kSize>(B));
+      };
       Jacobian C = Jacobian::Zero();
-      if (i >= 0) C += J_i.lazyProduct(H_.inverse(i).lazyProduct(J_i.transpose()).eval());
-      if (j >= 0) C += J_j.lazyProduct(H_.inverse(j).lazyProduct(J_j.transpose()).eval());
+      if (i >= 0) C += between(J_i, H_.inverse(i), J_i);
+      if (j >= 0) C += between(J_j, H_.inverse(j), J_j);
       if (i >= 0 && j >= 0) {
-        const Jacobian cross = J_i.lazyProduct(H_.inverse(slots_[l]).lazyProduct(J_j.transpose()).eval());
-        C += cross + cross.transpose();
+        const Jacobian cross = between(J_i, H_.inverse(slots_[l]), J_j);
+        C += cross + small::transposed<kRows, kRows>(cross);
       }
-      const Eigen::SelfAdjointEigenSolver<Jacobian> eigen(C);
-      const Residual along = eigen.eigenvectors().transpose() * e;
-      double sum = 0.0;
-      for (int k = 0; k < kRows; ++k) {
-        const double c = std::max(0.0, eigen.eigenvalues()[k]);
-        const double share_of_others = 1.0 - weight_[l] * c;
-        // A direction that nothing else determines is not contradicted.
-        if (share_of_others > 1e-10)
-          sum += along[k] * along[k] / (share_of_others * (1.0 + (1.0 - weight_[l]) * c));
+      // The weight is 1 or 0.
+      Jacobian M =
+          weight_[l] == 1.0 ? Jacobian(Jacobian::Identity() - C) : Jacobian(Jacobian::Identity() + C);
+      // What nothing else determines is met exactly, and so not contradicted: e and M are zero along it but
+      // for rounding and the solver's tolerance, to which this is large.
+      for (double ridge = 1e-8; ridge < 1.0; ridge *= 10.0) {
+        Jacobian L = M;
+        L.diagonal().array() += ridge;
+        if (!small::factorize<kRows>(L)) continue;
+        result_.contradiction[l] = small::solve_lower<kRows, 1>(L, e).squaredNorm();
+        break;
       }
-      result_.contradiction[l] = sum;
     }
   }
 
@@ -382,6 +418,7 @@ class Solver {
   std::vector<Pose> x_;
   std::vector<double> weight_;
   std::vector<Slot> slots_;
+  std::vector<Jacobian> information_;  // of each edge, as used
   BlockCholesky<kSize> H_;
   Eigen::VectorXd gradient_;
   Result result_;
@@ -446,7 +483,7 @@ void Solver<Freedom>::finish() {
   for (std::size_t l = 0; l < graph_.edges.size(); ++l) {
     const auto& edge = graph_.edges[l];
     const Residual e = pose_graph_error(at(x_, edge.i), at(x_, edge.j), edge.T_i_j);
-    r.chi2.push_back(e.dot(edge.information * e));
+    r.chi2.push_back(squared(information_[l], e));
     double weight = weight_[l], cost;
     if (edge.robust && options_.loss != PoseGraphLoss::truncated) loss(r.chi2.back(), cost, weight);
     r.weight.push_back(weight);
@@ -458,7 +495,8 @@ void Solver<Freedom>::finish() {
       typename Result::Covariance covariance = Result::Covariance::Zero();
       if (const int v = variable_[k]; v >= 0) {
         const EdgeJacobian B = freedom_.along(x_[k], Jacobian(Jacobian::Identity()));
-        covariance = B.lazyProduct(H_.inverse(v).lazyProduct(B.transpose()).eval());
+        covariance = small::product<kRows, kSize, kRows>(
+            small::product<kRows, kSize, kSize>(B, H_.inverse(v)), small::transposed<kRows, kSize>(B));
       }
       r.covariance.push_back(covariance);
     }
@@ -474,7 +512,10 @@ PoseGraphResult<Pose> solve_pose_graph(const BasicPoseGraph<Pose>& graph, const 
   check(graph, options);
   if constexpr (std::is_same_v<Pose, SE3d>)
     if (options.freedom == PoseGraphFreedom::yaw)
-      return Solver<YawFreedom>(graph, options, YawFreedom{graph.up_world}, stop).solve();
+      return Solver<YawFreedom>(graph, options,
+                                YawFreedom{graph.up_world, options.tilt_sigma * std::numbers::pi / 180.0},
+                                stop)
+          .solve();
   return Solver<FullFreedom<Pose>>(graph, options, {}, stop).solve();
 }
 

@@ -73,6 +73,7 @@ enum class PoseGraphLoss {
 
 struct PoseGraphOptions {
   PoseGraphFreedom freedom = PoseGraphFreedom::full;
+  double tilt_sigma = 0.3;
   PoseGraphLoss loss = PoseGraphLoss::truncated;
   double gate = 1.0;
   int iterations = 50;
@@ -84,6 +85,8 @@ struct PoseGraphOptions {
   void visit_options(Visitor& v) {
     v.choice(freedom, "freedom", {{PoseGraphFreedom::full, "full"}, {PoseGraphFreedom::yaw, "yaw"}},
              "what of a pose may move: all, or heading and position");
+    v(tilt_sigma, "tilt_sigma", "deg", range(0, 90),
+      "yaw: how well the tilt of each pose is known; 0: exactly");
     v.choice(loss, "loss",
              {{PoseGraphLoss::quadratic, "quadratic"},
               {PoseGraphLoss::huber, "huber"},
@@ -122,6 +125,7 @@ struct PoseGraphResult {
   std::vector<int> rejected;  ///< robust edges that weigh less than a half at the end
   std::vector<int> held;      ///< nodes that were held because nothing fixed is connected with them
   int components = 0;         ///< parts that no edge connects
+  double products = 0.0;      ///< multiplications that one factorisation takes
   /// Of each pose, if asked for: of xi in T_world_node Exp(xi), relative to the fixed nodes; 0 for these.
   std::vector<Covariance> covariance;
 };
@@ -130,6 +134,10 @@ struct PoseGraphResult {
 /// by Levenberg and Marquardt with exact Jacobians (pose_graph_error.hpp) and a sparse Cholesky factorisation
 /// by blocks in an order of minimum degree. Of each part of the graph without a fixed node the first node is
 /// held. Fixed and held poses stay as they are to the last bit. No threads; bit-identical.
+///
+/// With yaw alone free the residual keeps its six numbers. What the tilts of both ends may be wrong by
+/// (`tilt_sigma`) is added to the covariance of each edge, so that edges which tell another tilt than the
+/// poses have do not bend the map for it; chi2 and contradiction are of that covariance.
 ///
 /// With the truncated loss the cost of a robust edge is half of min(contradiction, gate): after a solution
 /// with all of them the edge is left out that the others contradict most, as long as one is beyond the gate
