@@ -14,9 +14,9 @@ namespace sweepkit {
 
 namespace {
 
-using Vec7 = Eigen::Matrix<double, 7, 1>;
-using Mat7 = Eigen::Matrix<double, 7, 7>;
-using Mat37 = Eigen::Matrix<double, 3, 7>;
+constexpr int kMounting = 0, kTilt = 3, kView = 6, kBias = 9, kStates = 10;
+using StateVector = Eigen::Matrix<double, kStates, 1>;
+using StateMatrix = Eigen::Matrix<double, kStates, kStates>;
 
 constexpr double kDegree = std::numbers::pi / 180.0;
 constexpr double kMinDisparity = 2.0;  // a floor farther than that is left out [px]
@@ -24,6 +24,8 @@ constexpr double kGate = 4.0;          // standard deviations within which a pix
 constexpr double kSurface = 0.012;     // other surfaces are looked for so far above and below the floor [m]
 constexpr double kMaxSupport = 60.0;   // of which a floor that was learned can boast [s]
 constexpr double kMountingDrift = 0.002 * kDegree;  // of pitch and roll [rad / sqrt(s)]
+constexpr double kDriftTime = 10.0;                 // in which a tilt told by motion is forgotten [s]
+constexpr double kWheelbase = 0.1;                  // from the drive wheels to the castor, about [m]
 constexpr double kHeightDrift = 1e-5;               // [m / sqrt(s)]
 
 double square(double x) { return x * x; }
@@ -78,10 +80,10 @@ struct GroundPlaneEstimator::State {
   GroundPlaneOptions options;
   double scale;  // focal * baseline
 
-  // mounting (3), tilt (3) and the common error of disparities: the image shows mounting + tilt + (0, 0,
-  // bias).
-  Vec7 x;
-  Mat7 P;
+  // Mounting, tilt, difference of the floor in view from that under the wheels, and the common error of
+  // disparities: the image shows mounting + tilt + view + (0, 0, bias).
+  StateVector x;
+  StateMatrix P;
   double climb = 0.0, climb_variance = 0.0;   // of the wheels since the floor was seen [m]
   double support = 0.0;                       // how long the floor was seen where it is believed to be [s]
   Vec3<double> rival = Vec3<double>::Zero();  // another floor that the seed permits
@@ -90,9 +92,10 @@ struct GroundPlaneEstimator::State {
   impl::SurfaceFinder finder;
 
   void reset();
-  Vec3<double> slope() const { return x.head<3>() + x.segment<3>(3); }
+  Vec3<double> slope() const { return x.head<3>() + x.segment<3>(kTilt); }
   Mat3<double> slope_covariance() const {
-    return P.topLeftCorner<3, 3>() + P.block<3, 3>(0, 3) + P.block<3, 3>(3, 0) + P.block<3, 3>(3, 3);
+    return P.topLeftCorner<3, 3>() + P.block<3, 3>(0, kTilt) + P.block<3, 3>(kTilt, 0) +
+           P.block<3, 3>(kTilt, kTilt);
   }
   GroundPlane plane(const Vec3<double>& s) const {
     const double norm = s.norm();
@@ -105,15 +108,24 @@ struct GroundPlaneEstimator::State {
     return from_angles(scale / seed.plane.height * seed.plane.down_camera, scale,
                        options.mounting_angle * kDegree, options.mounting_height);
   }
+  Mat3<double> view() const {
+    return from_angles(x.head<3>(), scale, options.view_angle * kDegree, options.view_height);
+  }
+  // What the image shows besides the floor under the wheels.
+  Mat3<double> view_covariance() const {
+    Mat3<double> covariance = P.block<3, 3>(kView, kView);
+    covariance(2, 2) += P(kBias, kBias);
+    return covariance;
+  }
   bool predict(const GroundPlaneStep& step);
   void forget_tilt();
   template <int N>
-  void update(const Eigen::Matrix<double, N, 7>& H, const Eigen::Matrix<double, N, 1>& innovation,
+  void update(const Eigen::Matrix<double, N, kStates>& H, const Eigen::Matrix<double, N, 1>& innovation,
               const Eigen::Matrix<double, N, N>& R) {
     const Eigen::Matrix<double, N, N> S = H * P * H.transpose() + R;
-    const Eigen::Matrix<double, 7, N> K = S.ldlt().solve(H * P).transpose();
+    const Eigen::Matrix<double, kStates, N> K = S.ldlt().solve(H * P).transpose();
     x += K * innovation;
-    const Mat7 A = Mat7::Identity() - K * H;
+    const StateMatrix A = StateMatrix::Identity() - K * H;
     P = (A * P * A.transpose() + K * R * K.transpose()).eval();
   }
   void look_down(const GroundPlaneStep::Vertical& vertical);
@@ -134,28 +146,29 @@ void GroundPlaneEstimator::State::reset() {
   x.head<3>() = s;
   P.setZero();
   P.topLeftCorner<3, 3>() = seed_covariance();
-  P.block<3, 3>(3, 3) = ride();
-  P(6, 6) = square(options.disparity_bias);
+  P.block<3, 3>(kTilt, kTilt) = ride();
+  P.block<3, 3>(kView, kView) = view();
+  P(kBias, kBias) = square(options.disparity_bias);
   climb = climb_variance = support = rival_support = 0.0;
 }
 
 void GroundPlaneEstimator::State::forget_tilt() {
-  x.segment<3>(3).setZero();
-  P.block<3, 7>(3, 0).setZero();
-  P.block<7, 3>(0, 3).setZero();
-  P.block<3, 3>(3, 3) = ride();
+  x.segment<3>(kTilt).setZero();
+  P.middleRows<3>(kTilt).setZero();
+  P.middleCols<3>(kTilt).setZero();
+  P.block<3, 3>(kTilt, kTilt) = ride();
 }
 
 // Returns whether the robot may stand on a floor.
 bool GroundPlaneEstimator::State::predict(const GroundPlaneStep& step) {
-  const double fade = std::exp(-step.seconds / options.settle_time);
-  Mat7 F = Mat7::Identity(), Q = Mat7::Zero();
-  F.block<3, 3>(3, 3) *= fade;
+  // Where motion tells the tilt, it fades only as far as motion drifts.
+  const double fade = std::exp(-step.seconds / (step.motion ? kDriftTime : options.settle_time));
+  const double view_fade = std::exp(-step.seconds / options.view_time);
+  StateMatrix F = StateMatrix::Identity(), Q = StateMatrix::Zero();
   Q.topLeftCorner<3, 3>() = from_angles(x.head<3>(), scale, kMountingDrift * std::sqrt(step.seconds),
                                         kHeightDrift * std::sqrt(step.seconds));
-  Q.block<3, 3>(3, 3) = (1.0 - fade * fade) * ride();
-  Vec7 next = x;
-  next.segment<3>(3) *= fade;
+  StateVector next = x;
+  Mat3<double> turn = Mat3<double>::Identity();
   if (step.motion) {
     const SE3d& T = step.motion->T_now_before;
     const Vec3<double> s = slope();
@@ -168,16 +181,23 @@ bool GroundPlaneEstimator::State::predict(const GroundPlaneStep& step) {
       forget_tilt();
       return false;
     }
-    const Mat3<double> turn = (before.height / height) * T.rotation().matrix();
-    next.segment<3>(3) = fade * (scale / height * down - x.head<3>());
-    F.block<3, 3>(3, 0) = fade * (turn - Mat3<double>::Identity());
-    F.block<3, 3>(3, 3) = fade * turn;
+    turn = (before.height / height) * T.rotation().matrix();
+    next.segment<3>(kTilt) = scale / height * down - x.head<3>();
     const Mat3<double> J = turn * SO3d::hat(s);  // slope by a rotation on the right, up to its sign
-    Q.block<3, 3>(3, 3) += J * step.motion->covariance.bottomRightCorner<3, 3>() * J.transpose();
+    Q.block<3, 3>(kTilt, kTilt) = J * step.motion->covariance.bottomRightCorner<3, 3>() * J.transpose();
     climb += down.dot(T.translation()) - sunk;
     climb_variance +=
         before.down_camera.dot(step.motion->covariance.topLeftCorner<3, 3>() * before.down_camera);
   }
+  // What fades is not known to.
+  const Vec3<double> faded = (1.0 - fade) * next.segment<3>(kTilt);
+  next.segment<3>(kTilt) *= fade;
+  next.segment<3>(kView) *= view_fade;
+  F.block<3, 3>(kTilt, kMounting) = fade * (turn - Mat3<double>::Identity());
+  F.block<3, 3>(kTilt, kTilt) = fade * turn;
+  F.block<3, 3>(kView, kView) *= view_fade;
+  Q.block<3, 3>(kTilt, kTilt) += (1.0 - fade * fade) * ride() + faded * faded.transpose();
+  Q.block<3, 3>(kView, kView) = (1.0 - view_fade * view_fade) * view();
   x = next;
   P = (F * P * F.transpose() + Q).eval();
   if (step.vertical) look_down(*step.vertical);
@@ -196,9 +216,9 @@ void GroundPlaneEstimator::State::look_down(const GroundPlaneStep::Vertical& ver
   Eigen::Matrix<double, 2, 3> across;
   across.row(0) = n.unitOrthogonal();
   across.row(1) = n.cross(Vec3<double>(across.row(0)));
-  Eigen::Matrix<double, 2, 7> H = Eigen::Matrix<double, 2, 7>::Zero();
+  Eigen::Matrix<double, 2, kStates> H = Eigen::Matrix<double, 2, kStates>::Zero();
   H.leftCols<3>() = across / norm;
-  H.middleCols<3>(3) = H.leftCols<3>();
+  H.middleCols<3>(kTilt) = H.leftCols<3>();
   const double variance = square(vertical.sigma) + square(options.floor_slope * kDegree);
   update<2>(H, across * down, variance * Eigen::Matrix2d::Identity());
 }
@@ -210,9 +230,9 @@ int GroundPlaneEstimator::State::collect(View2d<const T> disparity) {
   samples.clear();
   int valid = 0;
   const Vec3<double> s = slope();
-  const Mat3<double> search =
-      slope_covariance() + from_angles(s, scale, options.mounting_angle * kDegree, 0.5 * kSurface);
-  const double noise = square(options.disparity_noise) + P(6, 6);
+  const Mat3<double> search = slope_covariance() + view_covariance() +
+                              from_angles(s, scale, options.mounting_angle * kDegree, 0.5 * kSurface);
+  const double noise = square(options.disparity_noise);
   const double inverse = 1.0 / camera.focal;
   for (int v = options.step_v / 2; v < disparity.height; v += options.step_v) {
     const T* row = disparity.row(v);
@@ -242,18 +262,21 @@ bool GroundPlaneEstimator::State::fixes(const impl::Surface& surface) const {
          variance(2, 2) < square(options.max_height_error);
 }
 
-// What a surface tells of the floor under the wheels: that may differ a little from the floor in view.
+// The error with which a surface tells the floor under the wheels. A robot that tilts stands on two heights,
+// and the image may show either.
 Mat3<double> GroundPlaneEstimator::State::noise_of(const impl::Surface& surface) const {
-  return surface.covariance +
-         from_angles(surface.seen, scale, options.floor_angle * kDegree, options.floor_height);
+  const double tilt = std::sqrt((x.segment<3>(kTilt) -
+                                 x.head<3>().normalized() * x.head<3>().normalized().dot(x.segment<3>(kTilt)))
+                                    .squaredNorm()) /
+                      x.head<3>().norm();
+  return surface.covariance + from_angles(surface.seen, scale, 0.0, tilt * kWheelbase);
 }
 
 // Squared Mahalanobis distance of a surface from a plane that is known.
 double GroundPlaneEstimator::State::distance(const impl::Surface& surface, const Vec3<double>& s,
                                              const Mat3<double>& covariance) const {
   const Vec3<double> difference = surface.seen - s;
-  Mat3<double> S = covariance + noise_of(surface);
-  S(2, 2) += square(options.disparity_bias);
+  const Mat3<double> S = covariance + noise_of(surface);
   return difference.dot(S.ldlt().solve(difference));
 }
 
@@ -262,20 +285,24 @@ void GroundPlaneEstimator::State::measure(GroundPlaneResult& result, double seco
     result.state = state;
     result.reason = reason;
   };
-  Mat3<double> search = slope_covariance();
+  Mat3<double> search = slope_covariance() + view_covariance();
   search += from_angles(slope(), scale, options.mounting_angle * kDegree, kSurface);
   const impl::SlopePrior prior{slope(), search.inverse()};
   const std::vector<impl::Surface>& surfaces =
       finder.find(samples, prior, {options.disparity_noise, options.hypotheses, options.min_pixels, 3});
 
   // Of the surfaces that are large enough the one that agrees best with what is known, and the largest.
+  Eigen::Matrix<double, 3, kStates> H;
+  H << Mat3<double>::Identity(), Mat3<double>::Identity(), Mat3<double>::Identity(), Vec3<double>::UnitZ();
+  const Vec3<double> expected = H * x;
+  const Mat3<double> expected_covariance = H * P * H.transpose();
   const impl::Surface *floor = nullptr, *largest = nullptr;
   double nearest = 0.0;
   for (const impl::Surface& surface : surfaces) {
     if (!fixes(surface)) continue;
     if (!largest || surface.inliers > largest->inliers) largest = &surface;
     if (surface.inliers < options.min_share * static_cast<double>(samples.size())) continue;
-    const double d = distance(surface, slope(), slope_covariance());
+    const double d = distance(surface, expected, expected_covariance);
     if (!floor || d < nearest) {
       floor = &surface;
       nearest = d;
@@ -292,9 +319,7 @@ void GroundPlaneEstimator::State::measure(GroundPlaneResult& result, double seco
     return stop(GroundPlaneState::refused,
                 floor == largest ? GroundPlaneReason::contradiction : GroundPlaneReason::other_surface);
   }
-  Mat37 H;
-  H << Mat3<double>::Identity(), Mat3<double>::Identity(), Vec3<double>::UnitZ();
-  update<3>(H, floor->seen - H * x, noise_of(*floor));
+  update<3>(H, floor->seen - expected, noise_of(*floor));
   climb = climb_variance = 0.0;
   support = std::min(support + seconds, kMaxSupport);
   rival_support = std::max(rival_support - seconds, 0.0);
@@ -305,8 +330,8 @@ void GroundPlaneEstimator::State::measure(GroundPlaneResult& result, double seco
 // frames may have shown a carpet ahead, or the floor beside the carpet that the robot stood on.
 void GroundPlaneEstimator::State::learn_rival(const impl::Surface& surface, double seconds) {
   const Vec3<double> s = scale / seed.plane.height * seed.plane.down_camera;
-  if (!(distance(surface, s, seed_covariance()) < options.consistency)) return;
-  if (rival_support > 0.0 && distance(surface, rival, 2.0 * ride()) < options.consistency) {
+  if (!(distance(surface, s, seed_covariance() + ride() + view_covariance()) < options.consistency)) return;
+  if (rival_support > 0.0 && distance(surface, rival, 2.0 * (ride() + view())) < options.consistency) {
     rival += (surface.seen - rival) * (seconds / (rival_support + seconds));
     rival_support += seconds;
   } else {
@@ -319,8 +344,7 @@ void GroundPlaneEstimator::State::learn_rival(const impl::Surface& surface, doub
   if (rival_support <= support) return;
   reset();
   x.head<3>() = rival;
-  P.topLeftCorner<3, 3>() = ride() + noise_of(surface);
-  P.topLeftCorner<3, 3>()(2, 2) += P(6, 6);
+  P.topLeftCorner<3, 3>() = ride() + view_covariance() + noise_of(surface);
   support = rival_support;
   rival_support = 0.0;
 }

@@ -39,8 +39,9 @@ struct GroundPlaneOptions {
   double mounting_height = 0.003;
   double ride_angle = 0.07;
   double ride_height = 0.001;
-  double floor_angle = 0.1;
-  double floor_height = 0.0007;
+  double view_angle = 0.1;
+  double view_height = 0.0007;
+  double view_time = 2.0;
   double settle_time = 1.0;
   double max_tilt = 12.0;
   double max_climb = 0.03;
@@ -64,9 +65,10 @@ struct GroundPlaneOptions {
     v(ride_angle, "ride_angle", "deg", range(0.001, 10),
       "how far the robot rocks about its mean pitch and roll on one surface");
     v(ride_height, "ride_height", "m", range(1e-5, 0.05), "the same of the height");
-    v(floor_angle, "floor_angle", "deg", range(0.0, 10),
+    v(view_angle, "view_angle", "deg", range(0.0, 10),
       "how far the floor in view differs in pitch and roll from that under the wheels");
-    v(floor_height, "floor_height", "m", range(0.0, 0.05), "the same of the height");
+    v(view_height, "view_height", "m", range(0.0, 0.05), "the same of the height");
+    v(view_time, "view_time", "s", range(0.01, 100), "how long such a difference stays in view");
     v(settle_time, "settle_time", "s", range(0.01, 100),
       "a tilt at a sill or the edge of a carpet is expected to fade within about that time");
     v(max_tilt, "max_tilt", "deg", range(0.1, 45),
