@@ -15,7 +15,8 @@ constexpr double kDegree = std::numbers::pi / 180;
 constexpr double kNearDistance = 2.5;    // [m]
 constexpr double kNearAngle = 50;        // [deg]
 constexpr double kAngleForMetre = 60;    // how much turn is as bad as a metre [deg]
-constexpr int kEnoughPredicted = 60;     // points in view, of which some must be found
+constexpr int kEnoughPredicted = 60;     // points that can be compared, of which some must be found
+constexpr int kSameGroup = 30;           // shared points of keyframes that show the same
 constexpr double kSameFrameTime = 0.15;  // frames nearer in time that did not move say the same [s]
 constexpr double kSameFrameDistance = 0.03, kSameFrameAngle = 3;  // [m], [deg]
 
@@ -79,6 +80,12 @@ std::optional<PlaceMatch> PlaceRecognizer::best_candidate(const Map& map, const 
   std::vector<PlaceMatch> verified;
   for (const PlaceGroup& group : database_.candidates(image, map)) {
     ++counts_.candidates;
+    // A group that shares points with one already verified would say the same.
+    if (std::any_of(verified.begin(), verified.end(), [&](const PlaceMatch& match) {
+          return match.candidate == group.best ||
+                 map.shared_points(match.candidate, group.best) >= kSameGroup;
+        }))
+      continue;
     hints.prior = group.map == own_map ? prior : std::nullopt;
     PlaceCheck check = verifier_.verify(image, map, database_, group.best, hints);
     if (check.ok())
@@ -130,8 +137,10 @@ bool PlaceRecognizer::convinced(const std::vector<SE3d>& confirming, int denials
       travel = std::max(travel, (center(a) - center(b)).norm());
       turn = std::max(turn, degrees(a * b.inverse()));
     }
-  if (match.confirmations < options_.confirmations ||
-      (travel < options_.min_travel && turn < options_.min_turn)) {
+  const bool sure = static_cast<int>(match.pairs.size()) >= options_.sure_inliers &&
+                    match.cells >= options_.sure_cells && match.off_plane >= options_.sure_off_plane;
+  if (!sure && (match.confirmations < options_.confirmations ||
+                (travel < options_.min_travel && turn < options_.min_turn))) {
     reject(PlaceRejection::unconfirmed);
     return false;
   }

@@ -10,6 +10,7 @@
 #include <numbers>
 #include <tuple>
 
+#include "sweepkit/core/random.hpp"
 #include "sweepkit/geometry/impl/pnp.hpp"
 #include "sweepkit/geometry/ransac.hpp"
 #include "sweepkit/geometry/upright_p2p.hpp"
@@ -23,6 +24,9 @@ constexpr int kColumns = 8, kRows = 5;
 constexpr double kSameSurface = 8;
 // Fewer points in the other's view say nothing of how many should be found.
 constexpr int kFewPredicted = 20;
+// How a plane is looked for, and how far off it a point still lies on it [m].
+constexpr int kPlaneSamples = 60;
+constexpr double kPlaneThickness = 0.02;
 
 // Two points and gravity instead of three points; the rest as without gravity.
 class UprightPnpEstimator : public impl::PnpEstimator<PnpMatches> {
@@ -69,9 +73,9 @@ double largest_sigma(const Mat3<double>& covariance) {
 
 std::string_view to_string(PlaceRejection rejection) {
   static constexpr std::array<std::string_view, kPlaceRejections> kNames = {
-      "none",         "few_matches",    "no_pose",        "few_inliers",  "inlier_share",
-      "concentrated", "not_seen",       "not_seen_there", "contradicted", "uncertain",
-      "tilted",       "far_from_prior", "ambiguous",      "inconsistent", "unconfirmed"};
+      "none",           "few_matches", "no_pose",        "few_inliers",  "inlier_share", "concentrated",
+      "flat",           "not_seen",    "not_seen_there", "contradicted", "uncertain",    "tilted",
+      "far_from_prior", "ambiguous",   "inconsistent",   "unconfirmed"};
   const auto i = static_cast<std::size_t>(rejection);
   return i < kNames.size() ? kNames[i] : "unknown";
 }
@@ -320,7 +324,7 @@ void PlaceVerifier::examine(const PlaceImage& image, const Map& map, const SE3d&
   check.rejection = PlaceRejection::few_inliers;
   PoseResult pose = match_projected(image, T_start, options_.first_radius);
   if (pose.usable()) pose = match_projected(image, pose.T_camera_world, options_.radius);
-  match.predicted = static_cast<int>(queries_.size());
+  match.predicted = count_comparable(image.measurements, image.grid);
   match.found = static_cast<int>(observed_.size());
   if (!pose.usable()) return;
 
@@ -338,6 +342,7 @@ void PlaceVerifier::examine(const PlaceImage& image, const Map& map, const SE3d&
                                        cell(m.u, view_.u_min, view_.u_max, kColumns)));
   }
   match.cells = static_cast<int>(cells.count());
+  match.off_plane = count_off_plane();
   std::sort(match.pairs.begin(), match.pairs.end(),
             [](const PlacePair& a, const PlacePair& b) { return a.measurement < b.measurement; });
   const Keyframe& candidate = map.keyframe(most_seen(map));
@@ -348,6 +353,29 @@ void PlaceVerifier::examine(const PlaceImage& image, const Map& map, const SE3d&
   match.inverse_share = inverse_share(image, candidate, T_candidate_camera);
   match.contradictions = contradictions(image, candidate, T_candidate_camera);
   check.rejection = judge(hints, match);
+}
+
+int PlaceVerifier::count_off_plane() const {
+  std::vector<const PoseObservation*> points;
+  for (std::size_t k = 0; k < observations_.size(); ++k)
+    if (inlier_[k]) points.push_back(&observations_[k]);
+  if (points.size() < 4) return 0;
+  Random random(1);
+  std::array<std::size_t, 3> sample;
+  std::size_t most = 0;
+  for (int k = 0; k < kPlaneSamples; ++k) {
+    random.sample(points.size(), std::span<std::size_t>(sample));
+    const Vec3<double>& a = points[sample[0]]->p_world;
+    const Vec3<double> normal =
+        (points[sample[1]]->p_world - a).cross(points[sample[2]]->p_world - a).normalized();
+    if (!(normal.squaredNorm() > 0.5)) continue;
+    const auto on_plane = [&](const PoseObservation* o) {
+      const double spread = std::abs(normal.dot(o->p_world_spread.cast<double>()));
+      return std::abs(normal.dot(o->p_world - a)) < kPlaneThickness + 3 * spread;
+    };
+    most = std::max(most, static_cast<std::size_t>(std::count_if(points.begin(), points.end(), on_plane)));
+  }
+  return static_cast<int>(points.size() - most);
 }
 
 KeyframeId PlaceVerifier::most_seen(const Map& map) const {
@@ -390,7 +418,20 @@ double PlaceVerifier::inverse_share(const PlaceImage& image, const Keyframe& can
   const int found = projection_.match(queries_, query_descriptors_, grid_,
                                       std::span<const Measurement>(candidate.measurements),
                                       candidate.descriptors, matches_);
-  return static_cast<double>(found) / static_cast<double>(queries_.size());
+  return static_cast<double>(found) / std::max(1, count_comparable(candidate.measurements, grid_));
+}
+
+int PlaceVerifier::count_comparable(std::span<const Measurement> measurements, const KeypointGrid& grid) {
+  int count = 0;
+  for (const ProjectionQuery& q : queries_) {
+    near_.clear();
+    grid.query(q.u, q.v, q.radius, q.min_octave, q.max_octave, near_);
+    count += std::any_of(near_.begin(), near_.end(), [&](std::int32_t i) {
+      const Measurement& m = measurements[static_cast<std::size_t>(i)];
+      return !m.stereo() || q.u_right < 0 || std::abs(m.u_right - q.u_right) <= q.radius;
+    });
+  }
+  return count;
 }
 
 Vec3<double> PlaceVerifier::back_project(const Measurement& m) const {
@@ -439,6 +480,7 @@ PlaceRejection PlaceVerifier::judge(const PlaceHints& hints, const PlaceMatch& m
   if (inliers < options_.min_inliers) return PlaceRejection::few_inliers;
   if (inliers < options_.min_inlier_share * match.found) return PlaceRejection::inlier_share;
   if (match.cells < options_.min_cells) return PlaceRejection::concentrated;
+  if (match.off_plane < options_.min_off_plane) return PlaceRejection::flat;
   if (match.seen_share < options_.min_seen_share) return PlaceRejection::not_seen;
   if (match.inverse_share < options_.min_inverse_share) return PlaceRejection::not_seen_there;
   if (match.contradictions > options_.max_contradictions) return PlaceRejection::contradicted;

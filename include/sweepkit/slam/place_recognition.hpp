@@ -19,6 +19,9 @@ struct PlaceRecognizerOptions {
   int confirmations = 3;
   int history = 10;
   double history_time = 20;
+  int sure_inliers = 80;
+  int sure_cells = 14;
+  int sure_off_plane = 20;
   double min_travel = 0.1;
   double min_turn = 10;
   double drift = 0.05;
@@ -36,6 +39,11 @@ struct PlaceRecognizerOptions {
       "images that must say so, with motion between them that agrees");
     v(history, "history", "images", range(1, 1000), "images before that are asked");
     v(history_time, "history_time", "s", range(0.1, 1e6), "that are no older than this");
+    v(sure_inliers, "sure_inliers", "", range(4, 100000),
+      "with so many points that agree one image is enough ...");
+    v(sure_cells, "sure_cells", "", range(1, 40),
+      "... if they are spread over so many of its 8 x 5 cells ...");
+    v(sure_off_plane, "sure_off_plane", "", range(0, 100000), "... and so many lie off their main plane");
     v(min_travel, "min_travel", "m", range(0, 100), "by how much these images must lie apart");
     v(min_turn, "min_turn", "deg", range(0, 360), "or be turned, between the two farthest of them");
     v(drift, "drift", "", range(0, 1),

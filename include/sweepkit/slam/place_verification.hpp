@@ -6,6 +6,7 @@
 #include <cstddef>
 #include <cstdint>
 #include <optional>
+#include <span>
 #include <string_view>
 #include <vector>
 
@@ -35,12 +36,13 @@ struct PlaceVerifierOptions {
   double max_depth_uncertainty = 0.1;
   int min_inliers = 30;
   double min_inlier_share = 0.5;
-  int min_cells = 8;
-  double min_seen_share = 0.2;
-  double min_inverse_share = 0.15;
+  int min_cells = 9;
+  int min_off_plane = 8;
+  double min_seen_share = 0.13;
+  double min_inverse_share = 0.33;
   double depth_tolerance = 0.1;
-  double max_contradictions = 0.15;
-  double max_position_sigma = 0.05;
+  double max_contradictions = 0.06;
+  double max_position_sigma = 0.03;
   double max_rotation_sigma = 1;
   double max_tilt = 2;
   double max_prior_distance = 6;
@@ -74,10 +76,12 @@ struct PlaceVerifierOptions {
       "least share of them among the points found near where they were predicted");
     v(min_cells, "min_cells", "", range(1, 40),
       "so many of the 8 x 5 cells of the image must have one of them");
+    v(min_off_plane, "min_off_plane", "", range(0, 10000),
+      "so many must lie off the plane on which most lie: wallpaper, tiles and boards repeat along a plane");
     v(min_seen_share, "min_seen_share", "", range(0, 1),
-      "least share of the candidate's points in view that are found again");
+      "least share of the candidate's points found again where the image has a key point");
     v(min_inverse_share, "min_inverse_share", "", range(0, 1),
-      "least share of the image's points in the candidate's view that are found there");
+      "the same for the image's points in the candidate");
     v(depth_tolerance, "depth_tolerance", "", range(0.001, 1),
       "depths that differ by a larger share contradict each other, if their noise does not explain it");
     v(max_contradictions, "max_contradictions", "", range(0, 1),
@@ -106,6 +110,7 @@ enum class PlaceRejection {
   few_inliers,     ///< too few points found near where the pose predicts them
   inlier_share,    ///< too many points found there that do not agree
   concentrated,    ///< what agrees lies in a corner of the image
+  flat,            ///< what agrees lies on one plane, along which patterns repeat
   not_seen,        ///< too many points that should be seen are not
   not_seen_there,  ///< the same for points of the image in the candidate
   contradicted,    ///< one image looks through what the other saw
@@ -116,7 +121,7 @@ enum class PlaceRejection {
   inconsistent,    ///< other keyframes contradict it
   unconfirmed,     ///< other keyframes do not say so yet
 };
-inline constexpr std::size_t kPlaceRejections = 15;
+inline constexpr std::size_t kPlaceRejections = 16;
 
 /// The name of a rejection, as events, files and Python use it: "few_matches".
 std::string_view to_string(PlaceRejection rejection);
@@ -150,11 +155,13 @@ struct PlaceMatch {
   SE3d T_query_candidate;                          ///< the candidate's camera to the image's
   std::vector<PlacePair> pairs;                    ///< that agree on the pose, by measurement
   int matches = 0;                                 ///< of descriptors
-  int predicted = 0;          ///< points of the candidate's surroundings that the image should show
+  int predicted = 0;          ///< points of the candidate's surroundings that the image could have found:
+                              ///< it has a key point near them
   int found = 0;              ///< of these, found near where they were predicted
   double seen_share = 0;      ///< inliers among those predicted
-  double inverse_share = 0;   ///< of the image's points in the candidate's view, found there
+  double inverse_share = 0;   ///< the same the other way, for the image's points in the candidate
   double contradictions = 0;  ///< share of points through which the other image looks
+  int off_plane = 0;          ///< inliers off the plane on which most of them lie
   int cells = 0;              ///< of the image's 8 x 5, that have an inlier
   int confirmations = 1;      ///< images that say so, this one among them
 };
@@ -228,6 +235,8 @@ class PlaceVerifier {
                PlaceCheck& check);
   KeyframeId most_seen(const Map& map) const;
   double inverse_share(const PlaceImage& image, const Keyframe& candidate, const SE3d& T_candidate_camera);
+  int count_off_plane() const;
+  int count_comparable(std::span<const Measurement> measurements, const KeypointGrid& grid);
   double contradictions(const PlaceImage& image, const Keyframe& candidate, const SE3d& T_candidate_camera);
   PlaceRejection judge(const PlaceHints& hints, const PlaceMatch& match) const;
   Vec3<double> back_project(const Measurement& m) const;
@@ -252,6 +261,7 @@ class PlaceVerifier {
   std::vector<PlacePair> observed_;
   std::vector<std::uint8_t> inlier_;
   KeypointGrid grid_;
+  std::vector<std::int32_t> near_;
 };
 
 }  // namespace sweepkit
