@@ -5,16 +5,21 @@
 #include <fmt/format.h>
 
 #include <algorithm>
-#include <mutex>
+#include <cmath>
 #include <opencv2/calib3d.hpp>
 #include <opencv2/core.hpp>
 #include <opencv2/imgproc.hpp>
 
+#include "disparity_smoothing.hpp"
 #include "sweepkit/core/error.hpp"
 
 namespace sweepkit {
 
 namespace {
+
+constexpr int kPrefilterCap = 31;  // grey levels by which a gradient counts, of semi-global matching
+constexpr int kBehindRamp = 16;    // px; a multiple of 16
+constexpr double kMaxRamp = 1000;  // px
 
 cv::Mat mat_of(GrayView view) {
   return cv::Mat(view.height, view.width, CV_8U, const_cast<std::uint8_t*>(view.data),
@@ -29,6 +34,7 @@ struct DenseMatcher::Work {
   cv::Ptr<cv::StereoMatcher> matcher;
   cv::Mat padded[2], found, low, high;
   Image<std::int16_t> result;
+  DisparitySmoother smoother;
 
   explicit Work(const DisparityOptions& o)
       : options(o),
@@ -48,14 +54,62 @@ struct DenseMatcher::Work {
       matcher = bm;
     } else {
       const int area = block * block;
-      matcher =
-          cv::StereoSGBM::create(0, o.disparities, block, 8 * area, 32 * area, 0, 31, o.uniqueness, 0, 0,
-                                 o.method == DisparityMethod::sgbm_3way ? cv::StereoSGBM::MODE_SGBM_3WAY
-                                                                        : cv::StereoSGBM::MODE_SGBM);
+      const int mode = o.method == DisparityMethod::sgbm_3way   ? cv::StereoSGBM::MODE_SGBM_3WAY
+                       : o.method == DisparityMethod::sgbm_8way ? cv::StereoSGBM::MODE_HH
+                                                                : cv::StereoSGBM::MODE_SGBM;
+      matcher = cv::StereoSGBM::create(0, o.disparities, block, 8 * area, 32 * area, 0, kPrefilterCap,
+                                       o.uniqueness, 0, 0, mode);
     }
     matcher->setDisp12MaxDiff(o.left_right_tolerance);
     matcher->setSpeckleWindowSize(o.speckle_window);
     matcher->setSpeckleRange(o.speckle_range);
+  }
+
+  /// Both images with room at the sides; the right one moved along by the ramp, row by row.
+  void pad(GrayView left, GrayView right, const DisparityRamp& ramp, int before, int after) {
+    cv::copyMakeBorder(mat_of(left), padded[0], 0, 0, before, after, cv::BORDER_REPLICATE);
+    padded[1].create(padded[0].size(), CV_8U);
+    for (int v = 0; v < right.height; ++v) {
+      const int shift = ramp.sixteenths(v);
+      const std::uint8_t* from = right.row(v);
+      std::uint8_t* to = padded[1].ptr(v);
+      const int weight = -shift & 15;  // of the right neighbour
+      const int first = -before - ((shift + 15) >> 4);
+      for (int x = 0; x < padded[1].cols; ++x) {
+        const int a = std::clamp(first + x, 0, right.width - 1);
+        const int b = std::clamp(first + x + 1, 0, right.width - 1);
+        to[x] = static_cast<std::uint8_t>((from[a] * (16 - weight) + from[b] * weight + 8) >> 4);
+      }
+    }
+  }
+
+  void match(GrayView left, GrayView right, const DisparityRamp& ramp) {
+    // Behind the ramp, too, disparities are looked for.
+    const bool sloped = ramp.sixteenths(0) != 0 || ramp.sixteenths(left.height - 1) != 0;
+    const int lowest = sloped ? -kBehindRamp : 0;
+    matcher->setMinDisparity(lowest);
+    matcher->setNumDisparities(options.disparities - lowest);
+    const int before = options.left_border ? options.disparities : 0;
+    pad(left, right, ramp, before, -lowest);
+    matcher->compute(padded[0], padded[1], found);
+    const cv::Mat window = cv::Mat::ones(1, 2 * block + 1, CV_8U);
+    cv::erode(mat_of(left), low, window);
+    cv::dilate(mat_of(left), high, window);
+    result.resize(left.width, left.height);
+    for (int v = 0; v < left.height; ++v) {
+      const std::int16_t* from = found.ptr<std::int16_t>(v) + before;
+      const std::uint8_t *darkest = low.ptr(v), *brightest = high.ptr(v);
+      std::int16_t* to = result.row(v);
+      const int shift = ramp.sixteenths(v);
+      for (int u = 0; u < left.width; ++u) {
+        const int d = from[u] + shift;
+        // A partner left of the right image's first column was never seen.
+        const bool known = from[u] >= 16 * lowest && d > 0 && d <= 16 * u &&
+                           brightest[u] - darkest[u] >= options.min_contrast;
+        to[u] = known ? static_cast<std::int16_t>(d) : std::int16_t{0};
+      }
+    }
+    if (options.smooth.enabled) smoother.smooth(left, options.smooth, ramp, result.view());
   }
 };
 
@@ -66,7 +120,7 @@ DenseMatcher& DenseMatcher::operator=(DenseMatcher&&) noexcept = default;
 
 const DisparityOptions& DenseMatcher::options() const { return work_->options; }
 
-DisparityView DenseMatcher::match(GrayView left, GrayView right) {
+DisparityView DenseMatcher::match(GrayView left, GrayView right, const DisparityRamp& ramp) {
   Work& w = *work_;
   const auto refuse = [&](const char* what) {
     throw Error(ErrorKind::argument, "DenseMatcher::match", what,
@@ -75,26 +129,24 @@ DisparityView DenseMatcher::match(GrayView left, GrayView right) {
   if (left.empty() || right.empty()) refuse("images cannot be empty");
   if (left.width != right.width || left.height != right.height) refuse("images must have the same size");
   if (left.width < w.block || left.height < w.block) refuse("images are smaller than the block");
-  const int pad = w.options.left_border ? w.options.disparities : 0;
-  cv::copyMakeBorder(mat_of(left), w.padded[0], 0, 0, pad, 0, cv::BORDER_REPLICATE);
-  cv::copyMakeBorder(mat_of(right), w.padded[1], 0, 0, pad, 0, cv::BORDER_REPLICATE);
-  w.matcher->compute(w.padded[0], w.padded[1], w.found);
-  w.result.resize(left.width, left.height);
-  for (int v = 0; v < left.height; ++v) {
-    const std::int16_t* from = w.found.ptr<std::int16_t>(v) + pad;
-    std::int16_t* to = w.result.row(v);
-    // A partner left of the right image's first column was never seen.
-    for (int u = 0; u < left.width; ++u) to[u] = from[u] > 0 && from[u] <= 16 * u ? from[u] : std::int16_t{0};
-  }
+  const double last = ramp.at_top + ramp.per_row * left.height;
+  if (!(std::abs(last) < kMaxRamp && std::abs(ramp.at_top) < kMaxRamp))
+    throw Error(ErrorKind::argument, "DenseMatcher::match ramp", "must be finite and below 1000 px",
+                fmt::format("{} + {} v", ramp.at_top, ramp.per_row));
+  if (w.options.parallel)
+    w.match(left, right, ramp);
+  else
+    // Within a parallel loop of its own OpenCV starts no other; that touches no setting of the process.
+    cv::parallel_for_(cv::Range(0, 1), [&](const cv::Range&) { w.match(left, right, ramp); });
   return w.result.view();
 }
 
 StereoDisparity::StereoDisparity(const StereoRig& rig, const DisparityOptions& options)
     : rectifier_(rig), matcher_(options) {}
 
-DisparityView StereoDisparity::match(GrayView left, GrayView right) {
+DisparityView StereoDisparity::match(GrayView left, GrayView right, const DisparityRamp& ramp) {
   rectifier_.rectify(left, right);
-  disparity_.assign(matcher_.match(rectifier_.image(Side::left), rectifier_.image(Side::right)));
+  disparity_.assign(matcher_.match(rectifier_.image(Side::left), rectifier_.image(Side::right), ramp));
   const GrayView seen_left = rectifier_.seen(Side::left), seen_right = rectifier_.seen(Side::right);
   for (int v = 0; v < disparity_.height(); ++v) {
     std::int16_t* d = disparity_.row(v);

@@ -3,6 +3,7 @@
 #pragma once
 
 #include "sweepkit/geometry/rectified_camera.hpp"
+#include "sweepkit/image/disparity.hpp"
 
 namespace sweepkit {
 
@@ -15,6 +16,9 @@ struct FloorDisparity {
   double along_v = 0.0;
 
   double operator()(double u, double v) const { return at_origin + along_u * u + along_v * v; }
+
+  /// What dense matching should expect of a floor like this one: its disparities in column u.
+  DisparityRamp ramp(double u) const { return {(*this)(u, 0.0), along_v}; }
 };
 
 /// The floor seen from a camera: the points with `down_camera . p_camera = height`.

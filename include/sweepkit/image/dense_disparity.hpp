@@ -15,6 +15,7 @@ enum class DisparityMethod {
   bm,         ///< block matching: quickest, holes where there is little texture
   sgbm,       ///< semi-global matching over five directions
   sgbm_3way,  ///< the same over three
+  sgbm_8way,  ///< over eight, with twice the time
 };
 
 /// The weighted least squares filter after matching; see DisparityOptions::smooth.
@@ -44,6 +45,7 @@ struct DisparityOptions {
   int speckle_range = 2;
   int min_contrast = 4;
   bool left_border = true;
+  bool parallel = true;
   DisparitySmoothing smooth;
 
   template <class Visitor>
@@ -51,8 +53,9 @@ struct DisparityOptions {
     v.choice(method, "method",
              {{DisparityMethod::bm, "bm"},
               {DisparityMethod::sgbm, "sgbm"},
-              {DisparityMethod::sgbm_3way, "sgbm_3way"}},
-             "block matching, or semi-global matching over five or three directions");
+              {DisparityMethod::sgbm_3way, "sgbm_3way"},
+              {DisparityMethod::sgbm_8way, "sgbm_8way"}},
+             "block matching, or semi-global matching over five, three or eight directions");
     v(disparities, "disparities", "px", range(16, 1024),
       "disparities looked at, from 0 on, a multiple of 16; near floor needs 128 or more");
     v(block_size, "block_size", "px", range(0, 51), "side of the block compared, odd; 0: 15 for bm, else 5");
@@ -67,6 +70,7 @@ struct DisparityOptions {
       "pixels in whose neighbourhood along the row the image varies by less are unknown");
     v(left_border, "left_border", "", any_value(),
       "also match the columns at the left that have not all disparities in the right image");
+    v(parallel, "parallel", "", any_value(), "let OpenCV use its threads; the result is the same");
     v.group(smooth, "smooth", "weighted least squares filter");
   }
 };
@@ -89,7 +93,10 @@ class DenseMatcher {
 
   /// The disparities of the left image, valid until the next call. Throws Error(argument), naming both sizes,
   /// for images that are empty, differ in size or are smaller than the block.
-  DisparityView match(GrayView left, GrayView right);
+  /// @param ramp disparities are looked for from 16 px below it on: matching takes surfaces as facing the
+  ///   camera, and with the floor's ramp the floor does. Without it the disparities of the floor, which
+  ///   change by more than half a pixel a row, are drawn to those of the rows before.
+  DisparityView match(GrayView left, GrayView right, const DisparityRamp& ramp = {});
 
  private:
   struct Work;
@@ -107,7 +114,7 @@ class StereoDisparity {
   const DisparityOptions& options() const { return matcher_.options(); }
 
   /// Valid until the next call. Throws Error(argument) unless the images have the sizes of their cameras.
-  DisparityView match(GrayView left, GrayView right);
+  DisparityView match(GrayView left, GrayView right, const DisparityRamp& ramp = {});
 
  private:
   StereoRectifier rectifier_;

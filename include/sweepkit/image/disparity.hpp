@@ -2,6 +2,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
+#include <algorithm>
+#include <cmath>
 #include <concepts>
 #include <cstdint>
 
@@ -21,6 +23,17 @@ inline constexpr float kDisparityUnit = std::same_as<D, float> ? 1.0f : 1.0f / 1
 
 /// An image of disparities as dense matching gives it.
 using DisparityView = View2d<const std::int16_t>;
+
+/// A disparity to expect, linear in the row: that of a floor [px]. Not positive above its horizon, where it
+/// counts as 0.
+struct DisparityRamp {
+  double at_top = 0.0;   ///< in row 0 [px]
+  double per_row = 0.0;  ///< [px]
+
+  int sixteenths(int v) const {
+    return std::max(0, static_cast<int>(std::lround(16 * (at_top + per_row * v))));
+  }
+};
 
 /// Whatever turns a raw stereo pair into disparities of the rectified left image: our StereoDisparity, a
 /// network, a depth camera whose depth z is written as focal * baseline / z. It offers
