@@ -64,15 +64,19 @@ int run(const RunOptions& options) {
 int main(int argc, char** argv) {
   using namespace sweepkit;
   RunOptions options;
-  bool realtime = false;
+  bool realtime = false, localize = false;
   ProgramInfo info{"sweeper_robot",
                    "Stereo SLAM on a recording: path, map and figures into a folder.",
                    {"sweeper_robot --data RECORDING --out results",
                     "sweeper_robot sweeper_config.yaml --data RECORDING --start 5 --duration 20",
-                    "sweeper_robot --data RECORDING --out results --realtime --set frontend.orb.count=800"}};
-  info.switches = {{"--realtime", "Play at sensor time, with threads, as option realtime", &realtime}};
+                    "sweeper_robot --data RECORDING --out results --realtime --set frontend.orb.count=800",
+                    "sweeper_robot --data RECORDING --out results --atlas home.swk"}};
+  info.shortcuts.push_back({"--atlas", "atlas"});
+  info.switches = {{"--realtime", "Play at sensor time, with threads, as option realtime", &realtime},
+                   {"--localize", "Use the atlas without changing it, as option localize", &localize}};
   return run_program(argc, argv, info, list_options(options), [&] {
     options.sweeper.realtime |= realtime;
+    options.localize |= localize;
     return run(options);
   });
 }

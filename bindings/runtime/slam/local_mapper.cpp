@@ -49,6 +49,14 @@ LocalMapper::LocalMapper(const RectifiedCamera& camera, const StereoRig::Bounds&
       matcher_({.max_distance = options.fuse_distance, .ratio = 1}),
       triangulation_matcher_(options.triangulation) {}
 
+void LocalMapper::resume(Map&& map, double disparity_bias, double disparity_bias_sigma) {
+  require(map_.keyframe_id_end() == 0, "LocalMapper::resume", "comes before the first keyframe",
+          map_.keyframe_id_end());
+  map_ = std::move(map);
+  disparity_bias_ = disparity_bias;
+  if (disparity_bias_sigma > 0) disparity_bias_variance_ = disparity_bias_sigma * disparity_bias_sigma;
+}
+
 std::shared_ptr<const LocalMap> LocalMapper::process(KeyframeCandidate&& candidate,
                                                      const std::atomic<bool>* stop) {
   for (const PointCount& count : candidate.counts) {
@@ -62,6 +70,7 @@ std::shared_ptr<const LocalMap> LocalMapper::process(KeyframeCandidate&& candida
   fuse(id);
   adjust(id, stop);
   cull_keyframes(id);
+  keep_caps(id);
 #ifndef NDEBUG
   if (const auto broken = map_.broken_invariant())
     throw Error(ErrorKind::argument, "LocalMapper::process", *broken);
@@ -321,6 +330,11 @@ void LocalMapper::cull_keyframes(KeyframeId newest) {
     }
     if (seen == 0 || redundant > options_.cull_redundancy * seen) map_.remove_keyframe(candidate.keyframe);
   }
+}
+
+void LocalMapper::keep_caps(KeyframeId newest) {
+  for (const KeyframeId id : choose_culls(map_, options_.caps, neighbourhood(newest)))
+    map_.remove_keyframe(id);
 }
 
 void LocalMapper::refresh_appearance(PointId id) {

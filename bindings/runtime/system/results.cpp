@@ -21,8 +21,8 @@ namespace {
 namespace fs = std::filesystem;
 using Json = nlohmann::ordered_json;
 
-constexpr const char* kFinalFiles[] = {"trajectory_optimized.tum", "keyframes.tum", "map.ply", "map.svg",
-                                       "summary.json"};
+constexpr const char* kFinalFiles[] = {
+    "trajectory_optimized.tum", "keyframes.tum", "map.ply", "map.svg", "summary.json", "atlas.swk"};
 
 fs::path prepared(fs::path folder) {
   std::error_code error;

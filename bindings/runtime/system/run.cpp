@@ -13,6 +13,7 @@
 #include <utility>
 
 #include "sweepkit/core/option_text.hpp"
+#include "sweepkit/data/atlas_file.hpp"
 #include "sweepkit/system/frame_picture.hpp"
 #include "sweepkit/system/results.hpp"
 
@@ -88,6 +89,9 @@ class Run {
     if (options_.pictures.every > 0)
       pictures_.emplace(rig, writer_.folder() / "pictures", options_.pictures.every);
     Sweeper sweeper(recording_->rig(), options_.sweeper, &events_, pictures_ ? &*pictures_ : nullptr);
+    const bool resumed =
+        !options_.atlas.empty() && (options_.localize || std::filesystem::exists(options_.atlas));
+    if (resumed) sweeper.resume(read_atlas(options_.atlas), options_.atlas);
     RunResult result;
     std::string ended = "end of recording";
     std::exception_ptr damage;
@@ -106,6 +110,10 @@ class Run {
     RunOptions used = options_;
     writer_.finish(sweeper, {options_to_json(list_options(used)), recording_->info(),
                              clock_.times(Stage::read), result.seconds, ended});
+    if (!options_.localize) {
+      sweeper.save_atlas((writer_.folder() / "atlas.swk").string());
+      if (!options_.atlas.empty()) sweeper.save_atlas(options_.atlas);
+    }
     if (damage) std::rethrow_exception(damage);
     result.counts = sweeper.counts();
     result.initialised = result.counts.keyframes_made > 0;
@@ -178,6 +186,8 @@ RunResult run_recording(const RunOptions& options, const RunHooks& hooks) {
   check_options(options);
   if (options.data_path.empty()) throw Error(ErrorKind::option, "data_path", "must be given");
   if (options.save_path.empty()) throw Error(ErrorKind::option, "save_path", "must be given");
+  if (options.localize && options.atlas.empty())
+    throw Error(ErrorKind::option, "atlas", "must be given to localize in it");
   return Run(options, hooks)();
 }
 

@@ -19,6 +19,7 @@
 #include <variant>
 
 #include "sweepkit/bow/default_vocabulary.hpp"
+#include "sweepkit/data/atlas_file.hpp"
 
 namespace sweepkit {
 namespace {
@@ -86,6 +87,29 @@ class Sweeper::Impl {
       leaving_ = true;
     }
     finish();
+  }
+
+  void resume(Atlas&& atlas, const std::string& place) {
+    check_same_rig(atlas.info, rig_, place);
+    const std::scoped_lock lock(feed_mutex_, map_mutex_);
+    require(last_imu_ == kNever && last_wheels_ == kNever && last_image_ == kNever, "Sweeper::resume",
+            "comes before the first sample", place);
+    first_map_ = static_cast<int>(atlas.map.map_count());
+    frontend_.set_disparity_bias(atlas.info.disparity_bias);
+    mapper_.resume(std::move(atlas.map), atlas.info.disparity_bias, atlas.info.disparity_bias_sigma);
+    if (recognizer_) recognizer_->database().follow(mapper_.map());
+  }
+
+  void save_atlas(const std::string& path) const {
+    const std::scoped_lock lock(map_mutex_);
+    AtlasInfo info;
+    info.rig = identity_of(rig_);
+    if (recognizer_)
+      info.vocabulary = options_.places.vocabulary.empty() ? "default" : options_.places.vocabulary;
+    info.disparity_bias = mapper_.disparity_bias();
+    info.disparity_bias_sigma = mapper_.disparity_bias_sigma();
+    info.gravity_known.assign(mapper_.map().map_count(), gravity_.has_value());
+    write_atlas(path, info, mapper_.map());
   }
 
   template <class Inertial>
@@ -397,7 +421,7 @@ class Sweeper::Impl {
       result.wants_keyframe = result.starts_map = true;
       result.blind = false;
       tell(Event(image.t, "map_created")
-               .with("map", begun_)
+               .with("map", first_map_ + begun_)
                .with("reason", *std::exchange(leave_map_, std::nullopt)));
     }
     tracked.T_map_body = frame_.T_camera_world.inverse() * T_camera_body_;
@@ -540,7 +564,7 @@ class Sweeper::Impl {
       restarted_ = false;
     }
     if (result.state == TrackingState::tracking && state_ == TrackingState::starting)
-      tell(Event(t, "map_created").with("map", 0).with("reason", "start"));
+      tell(Event(t, "map_created").with("map", first_map_).with("reason", "start"));
     restarted_ |= result.state == TrackingState::lost && result.starts_map;
     state_ = result.state;
     const std::scoped_lock lock(state_mutex_);
@@ -579,6 +603,7 @@ class Sweeper::Impl {
 
   // In the thread of mapping.
   void map_keyframe(KeyframeCandidate&& candidate) {
+    const std::scoped_lock changing(map_mutex_);
     std::shared_ptr<const LocalMap> local_map;
     if (candidate.begins_map || !mapper_.current_map().valid()) map_begun_at_ = candidate.frame.t;
     {
@@ -739,7 +764,10 @@ class Sweeper::Impl {
         }
       }
       if (adjusted)
-        guard(last_mapped_, "mapping", [&] { publish(mapper_.finish_global_adjustment(*adjusted)); });
+        guard(last_mapped_, "mapping", [&] {
+          const std::scoped_lock changing(map_mutex_);
+          publish(mapper_.finish_global_adjustment(*adjusted));
+        });
       if (!candidate) continue;
       last_mapped_ = candidate->frame.t;
       guard(last_mapped_, "mapping", [&] { map_keyframe(std::move(*candidate)); });
@@ -791,6 +819,7 @@ class Sweeper::Impl {
   bool restarted_ = false;                // since it was lost vision has started again at the last pose
   std::optional<const char*> leave_map_;  // a new map is to begin, and why
   bool lifted_ = false;
+  int first_map_ = 0;    // id of the first that this run began
   int begun_ = 0;        // maps left behind
   int corrections_ = 0;  // of this map, as known
 
@@ -808,7 +837,8 @@ class Sweeper::Impl {
   OdometryBridge bridge_;  // of the frame path
   std::vector<MotionSample> due_;
 
-  // Of mapping.
+  // Of mapping. Held while the map changes, and by who saves it.
+  mutable std::mutex map_mutex_;
   LocalMapper mapper_;
   std::optional<PlaceRecognizer> recognizer_;
   std::optional<Vec3<double>> gravity_;  // in all maps, unit
@@ -858,6 +888,8 @@ Sweeper::Sweeper(const Rig& rig, const SweeperOptions& options, EventSink* event
   impl_ = std::make_unique<Impl>(rig.stereo(), rig.motion(), options, events, frames);
 }
 Sweeper::~Sweeper() = default;
+void Sweeper::resume(Atlas&& atlas, const std::string& place) { impl_->resume(std::move(atlas), place); }
+void Sweeper::save_atlas(const std::string& path) const { impl_->save_atlas(path); }
 void Sweeper::feed(const ImuSample& sample) noexcept { impl_->feed(sample); }
 void Sweeper::feed(const WheelSample& sample) noexcept { impl_->feed(sample); }
 void Sweeper::feed(StereoImage image) noexcept { impl_->feed(std::move(image)); }

@@ -3,6 +3,7 @@
 #pragma once
 
 #include <atomic>
+#include <cmath>
 #include <memory>
 #include <optional>
 #include <vector>
@@ -16,6 +17,7 @@
 #include "sweepkit/slam/global_adjustment.hpp"
 #include "sweepkit/slam/local_map.hpp"
 #include "sweepkit/slam/loop_correction.hpp"
+#include "sweepkit/slam/map_culling.hpp"
 #include "sweepkit/slam/scale_levels.hpp"
 #include "sweepkit/slam/stereo_frame.hpp"
 #include "sweepkit/solve/bundle.hpp"
@@ -45,6 +47,7 @@ struct LocalMapperOptions {
   BruteForceOptions triangulation = {.max_distance = 50, .ratio = 0.85};
   BundleOptions bundle;
   LoopCorrectionOptions loop;
+  MapCaps caps;
   BundleOptions global{.robust_iterations = 4, .iterations = 4};
 
   template <class Visitor>
@@ -87,6 +90,7 @@ struct LocalMapperOptions {
     v(scale_points, "scale_points", "", range(0, 10000), "a keyframe sees if it has so many points");
     v.group(triangulation, "triangulation", "which measurements of two keyframes are tried");
     v.group(bundle, "bundle", "local bundle adjustment");
+    v.group(caps, "caps", "how large the map may become");
     v.group(loop, "loop", "places known again");
     v.group(global, "global", "bundle adjustment of the whole map after them");
   }
@@ -117,6 +121,12 @@ class LocalMapper {
   LocalMapper(const RectifiedCamera& camera, const StereoRig::Bounds& view, const ScaleLevels& levels,
               const LocalMapperOptions& options);
 
+  /// Goes on with maps made before; the first keyframe begins one of its own, until it is joined to one of
+  /// them.
+  /// @param disparity_bias, sigma of the rig when they were made [px]; a sigma of 0 is not known
+  /// Throws Error(argument) after the first keyframe.
+  void resume(Map&& map, double disparity_bias, double disparity_bias_sigma);
+
   /// Everything that a new keyframe brings about. A debug build then checks the invariants of the map and
   /// throws Error(argument) if one is broken.
   /// @param stop bundle adjustment ends early once it is true
@@ -143,6 +153,7 @@ class LocalMapper {
   /// By how much the rig measures all disparities too large, estimated with the map; it is taken off them
   /// [px].
   double disparity_bias() const { return disparity_bias_; }
+  double disparity_bias_sigma() const { return std::sqrt(disparity_bias_variance_); }
 
  private:
   KeyframeId insert(KeyframeCandidate&& candidate);
@@ -154,6 +165,7 @@ class LocalMapper {
   void cull_points(KeyframeId newest);
   void adjust(KeyframeId id, const std::atomic<bool>* stop);
   void cull_keyframes(KeyframeId newest);
+  void keep_caps(KeyframeId newest);
   void refresh_appearance(PointId id);
   std::vector<KeyframeId> neighbourhood(KeyframeId id) const;
   KeyframeId newest_before(KeyframeId id) const;

@@ -28,6 +28,8 @@ struct PictureOptions {
 struct RunOptions {
   std::string data_path;
   std::string save_path;
+  std::string atlas;
+  bool localize = false;
   RecordingOptions recording;
   PictureOptions pictures;
   SweeperOptions sweeper;
@@ -36,6 +38,9 @@ struct RunOptions {
   void visit_options(Visitor& v) {
     v(data_path, "data_path", "", any_value(), "folder of the recording: EuRoC ASL or KITTI odometry");
     v(save_path, "save_path", "", any_value(), "folder for the results; made if needed");
+    v(atlas, "atlas", "", any_value(),
+      "file with the maps of runs before: read if it is there, and written again at the end");
+    v(localize, "localize", "", any_value(), "the atlas must be there and stays as it is");
     v.group(recording, "recording", "what to read of the recording");
     v.group(pictures, "pictures", "pictures of frames");
     sweeper.visit_options(v);
@@ -70,7 +75,8 @@ struct RunResult {
 
 /// Feeds a recording to a Sweeper and writes all results: with sweeper.realtime at the pace of its stamps,
 /// else as fast as it goes.
-/// @throws Error(option) for an option out of range or without the two paths, before anything is written;
+/// @throws Error(option) for an option out of range, without the two paths or to localize without an atlas,
+///   before anything is written; Error(io, data) for an atlas that cannot be read or is of another rig;
 ///   Error(io, data, calibration) where the recording is damaged, after what came before it was processed and
 ///   the results were written
 RunResult run_recording(const RunOptions& options, const RunHooks& hooks = {});

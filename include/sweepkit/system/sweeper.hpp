@@ -17,6 +17,7 @@
 #include "sweepkit/direction/main_direction.hpp"
 #include "sweepkit/feature/segments.hpp"
 #include "sweepkit/geometry/stereo_rig.hpp"
+#include "sweepkit/map/atlas.hpp"
 #include "sweepkit/map/map.hpp"
 #include "sweepkit/slam/frontend.hpp"
 #include "sweepkit/slam/local_mapper.hpp"
@@ -177,6 +178,15 @@ class Sweeper {
   ~Sweeper();
   Sweeper(const Sweeper&) = delete;
   Sweeper& operator=(const Sweeper&) = delete;
+
+  /// Goes on with the maps of another run, before the first sample. The run begins a map of its own, whose
+  /// frame is that of its first pose; once a place is known again it is joined and the pose is in the frame
+  /// of the atlas (events maps_joined and relocalized). Throws Error(data) that names the difference if the
+  /// atlas was made with another rig, Error(argument) once samples were fed.
+  void resume(Atlas&& atlas, const std::string& place = "atlas");
+  /// Writes all maps for another run, in any state; mapping waits meanwhile, tracking does not. Throws
+  /// Error(io). Thread-safe.
+  void save_atlas(const std::string& path) const;
 
   void feed(const ImuSample& sample) noexcept;
   void feed(const WheelSample& sample) noexcept;
