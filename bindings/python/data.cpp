@@ -248,11 +248,14 @@ void register_trajectories(py::module_& m) {
 
 }  // namespace
 
+void register_g2o(py::module_& m);  // pose_graph.cpp
+
 void register_data(py::module_& m) {
   register_recordings(m);
   register_trajectories(m);
   register_simulation_world(m);
   register_simulation_drive(m);
+  register_g2o(m);
 }
 
 }  // namespace sweepkit::python

@@ -25,7 +25,7 @@ PYBIND11_MODULE(_core, m) {
   add("bow", python::register_bow, "Vocabularies, bags of words, images by their words.");
   add("direction", python::register_direction,
       "Vanishing points, Manhattan frames, the main direction of a room.");
-  add("solve", python::register_solve, "Options of the solvers.");
+  add("solve", python::register_solve, "Pose graphs; options of the solvers.");
   add("slam", python::register_slam, "Options of tracking and mapping.");
   add("data", python::register_data, "Recordings, trajectories and their evaluation.");
   add("system", python::register_system, "The whole system, on a recording or fed live.");

@@ -7,9 +7,12 @@
 
 namespace sweepkit::python {
 
+void register_pose_graph(py::module_& m);  // pose_graph.cpp
+
 void register_solve(py::module_& m) {
   bind_options<PoseOptions>(m, "PoseOptions", "Pose from matches, refined.");
   bind_options<BundleOptions>(m, "BundleOptions", "Bundle adjustment.");
+  register_pose_graph(m);
 }
 
 }  // namespace sweepkit::python

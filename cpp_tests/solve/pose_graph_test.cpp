@@ -13,6 +13,7 @@
 #include "geometry/jacobian_check.hpp"
 #include "solve/random_graph.hpp"
 #include "sweepkit/core/error.hpp"
+#include "sweepkit/core/simd.hpp"
 #include "sweepkit/solve/pose_graph_error.hpp"
 
 using namespace sweepkit;
@@ -453,6 +454,23 @@ TEST_CASE("covariances are those of the dense inverse", "[solve]") {
       REQUIRE((result.covariance[static_cast<std::size_t>(k)] - expected).norm() < 1e-8 * expected.norm());
     }
   }
+}
+
+TEST_CASE("portable and wide kernels give identical bits", "[solve]") {
+  const auto check = [](const auto& graph, PoseGraphOptions options) {
+    options.covariances = true;
+    const auto wide = solve_pose_graph(graph, options);
+    const ScopedSimdLevel level(SimdLevel::portable);
+    const auto portable = solve_pose_graph(graph, options);
+    CHECK(worst(wide.T_world_node, portable.T_world_node) == 0.0);
+    CHECK(wide.contradiction == portable.contradiction);
+    CHECK(wide.covariance.back() == portable.covariance.back());
+  };
+  PoseGraphOptions options;
+  check(make_rounds<SE3d>({}).graph, options);
+  check(make_rounds<Sim3d>({}).graph, options);
+  options.freedom = PoseGraphFreedom::yaw;
+  check(make_rounds<SE3d>({}).graph, options);
 }
 
 TEST_CASE("a pose graph that cannot be is refused by name", "[solve]") {
