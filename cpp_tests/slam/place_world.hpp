@@ -119,7 +119,9 @@ class PlaceWorld {
     keyframe.measurements = frame.measurements;
     keyframe.descriptors = frame.descriptors;
     keyframe.covariance = Mat6<double>::Identity() * 1e-4;
+    keyframe.parent = newest_[map_id.value];
     const KeyframeId id = map.add_keyframe(std::move(keyframe));
+    newest_[map_id.value] = id;
     auto& known = known_[map_id.value];
     if (new_points) known.clear();
     const RectifiedCamera c = camera();
@@ -163,6 +165,7 @@ class PlaceWorld {
   std::vector<Vec3<double>> points_;
   std::vector<OrbDescriptor> descriptors_;
   std::unordered_map<std::uint32_t, std::unordered_map<std::size_t, PointId>> known_;
+  std::unordered_map<std::uint32_t, KeyframeId> newest_;
 };
 
 }  // namespace sweepkit

@@ -40,6 +40,7 @@ struct Options {
   int seed = 1;
   bool odometry = true;
   bool gravity = true;
+  bool anywhere = false;
   bool verbose = false;
   PlaceRecognizerOptions recognizer;
 };
@@ -187,6 +188,29 @@ class TrueMap {
   ProjectionMatcher matcher_{{.max_distance = 50}};
 };
 
+// Whether at least 30 % of what a frame sees was seen before, by keyframes within 2 m and 30 degrees.
+bool seen_before(const Map& map, const RectifiedCamera& camera, const StereoRig::Bounds& view,
+                 const StereoFrame& frame) {
+  std::vector<SE3d> near;
+  for (std::uint32_t k = 0; k < map.keyframe_id_end(); ++k) {
+    const SE3d T = map.keyframe(KeyframeId{k}).T_camera_world * frame.T_camera_world.inverse();
+    if (T.translation().norm() < 2 && degrees(T) < 30) near.push_back(T);
+  }
+  int points = 0, seen = 0;
+  for (const Measurement& m : frame.measurements) {
+    if (!m.stereo()) continue;
+    ++points;
+    const Vec3<double> p = camera.depth(m.disparity()) * Vec3<double>((m.u - camera.cx) / camera.focal,
+                                                                      (m.v - camera.cy) / camera.focal, 1);
+    seen += std::any_of(near.begin(), near.end(), [&](const SE3d& T) {
+      const auto uv = camera.project(T * p);
+      return uv && uv->x() > view.u_min && uv->x() < view.u_max && uv->y() > view.v_min &&
+             uv->y() < view.v_max;
+    });
+  }
+  return points > 0 && seen > 0.3 * points;
+}
+
 struct Outcome {
   int right = 0, wrong = 0, unknown = 0;
   std::vector<double> seconds, errors_mm, call_ms;
@@ -208,11 +232,19 @@ Outcome kidnap(const SeenFrames& mapped, const SeenFrames& queries, const Option
   recognizer.database().follow(truth.map);
   fmt::print(stderr, "{} keyframes, {} points, {:.1f} MB of words\n", truth.map.keyframe_count(),
              truth.map.point_count(), 1e-6 * static_cast<double>(recognizer.database().memory_bytes()));
+  std::vector<std::size_t> starts;
+  for (std::size_t i = 0; i < queries.frames.size(); ++i)
+    if (options.anywhere ||
+        seen_before(truth.map, {rig.focal(), rig.center().x(), rig.center().y(), rig.baseline()},
+                    rig.bounds(), queries.frames[i]))
+      starts.push_back(i);
+  fmt::print(stderr, "{} of {} views were seen before\n", starts.size(), queries.frames.size());
+  if (starts.empty()) return {};
   Random random(static_cast<std::uint64_t>(options.seed));
   Outcome outcome;
   const Vec3<double> gravity_world(0, 0, -1);
   for (int k = 0; k < options.kidnaps; ++k) {
-    const std::size_t start = random.index(queries.frames.size());
+    const std::size_t start = starts[random.index(starts.size())];
     recognizer.forget();
     std::optional<PlaceMatch> found;
     std::size_t i = start;
@@ -279,6 +311,8 @@ int main(int argc, char** argv) {
         options.odometry = false;
       else if (text == "--no-gravity")
         options.gravity = false;
+      else if (text == "--anywhere")
+        options.anywhere = true;
       else if (text == "--verbose")
         options.verbose = true;
       else
@@ -287,7 +321,10 @@ int main(int argc, char** argv) {
     if (parts.empty() || parts.size() % 2 != 0) {
       fmt::print(stderr,
                  "usage: kidnap [--kidnaps N] [--seconds S] [--seed N] [--no-odometry] [--no-gravity] "
-                 "[--vocabulary FILE] [--set OPTION=VALUE] [--verbose] MAPPED QUERIES [MAPPED QUERIES ...]\n"
+                 "[--vocabulary FILE] [--set OPTION=VALUE] [--anywhere] [--verbose] MAPPED QUERIES [MAPPED "
+                 "QUERIES ...]\n"
+                 "A kidnap begins where 30 % of the view was seen before, from within 2 m and 30 degrees, or "
+                 "--anywhere.\n"
                  "Recordings with truth in one world frame; PATH@FROM-TO takes a part of one [s].\n");
       return 2;
     }

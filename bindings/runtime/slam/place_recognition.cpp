@@ -12,10 +12,13 @@ namespace {
 
 constexpr double kDegree = std::numbers::pi / 180;
 // Keyframes farther away than this, or turned by more, do not show what a pose looks at.
-constexpr double kNearDistance = 2.5;    // [m]
-constexpr double kNearAngle = 50;        // [deg]
-constexpr double kAngleForMetre = 60;    // how much turn is as bad as a metre [deg]
-constexpr int kEnoughPredicted = 60;     // points that can be compared, of which some must be found
+constexpr double kNearDistance = 2.5;  // [m]
+constexpr double kNearAngle = 50;      // [deg]
+constexpr double kAngleForMetre = 60;  // how much turn is as bad as a metre [deg]
+constexpr int kEnoughPredicted = 60;   // points that can be compared, of which some must be found
+// From so near a keyframe its points should be seen, if any are comparable.
+constexpr double kCloseDistance = 0.5;   // [m]
+constexpr double kCloseAngle = 20;       // [deg]
 constexpr int kSameGroup = 30;           // shared points of keyframes that show the same
 constexpr double kSameFrameTime = 0.15;  // frames nearer in time that did not move say the same [s]
 constexpr double kSameFrameDistance = 0.03, kSameFrameAngle = 3;  // [m], [deg]
@@ -117,12 +120,14 @@ PlaceRecognizer::Witness PlaceRecognizer::ask(const Map& map, const PlaceImage& 
     return same_place(check.match.T_camera_world, T_camera_world, travelled) ? Witness::confirms
                                                                              : Witness::denies;
   if (check.rejection == PlaceRejection::contradicted) return Witness::denies;
-  const bool empty_view = check.match.predicted < kEnoughPredicted ||
-                          image.measurements.size() < static_cast<std::size_t>(kEnoughPredicted);
+  // From elsewhere the view may be blocked, or too different.
+  const SE3d T_near = T_camera_world * map.keyframe(near).T_camera_world.inverse();
+  const bool should_see = T_near.translation().norm() < kCloseDistance && degrees(T_near) < kCloseAngle &&
+                          check.match.predicted >= kEnoughPredicted;
   const bool nothing_found = check.rejection == PlaceRejection::few_inliers ||
                              check.rejection == PlaceRejection::not_seen ||
                              check.rejection == PlaceRejection::inlier_share;
-  return !empty_view && nothing_found ? Witness::denies : Witness::silent;
+  return should_see && nothing_found ? Witness::denies : Witness::silent;
 }
 
 bool PlaceRecognizer::convinced(const std::vector<SE3d>& confirming, int denials, PlaceMatch& match) {
