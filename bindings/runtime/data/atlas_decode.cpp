@@ -1,18 +1,11 @@
 // SPDX-FileCopyrightText: The sweepkit authors
 // SPDX-License-Identifier: Apache-2.0
-#include <fcntl.h>
-#include <sys/stat.h>
-#include <unistd.h>
-#include <zlib.h>
-
 #include <algorithm>
-#include <array>
-#include <cerrno>
 #include <cmath>
 #include <cstring>
 #include <utility>
 
-#include "atlas_format.hpp"
+#include "atlas_reader.hpp"
 #include "sweepkit/core/error.hpp"
 #include "sweepkit/data/atlas_file.hpp"
 
@@ -20,239 +13,7 @@ namespace sweepkit {
 namespace {
 
 namespace format = atlas_format;
-
-// Where bytes come from.
-struct Origin {
-  Origin(std::string place, std::uint64_t size) : place(std::move(place)), size(size) {}
-  virtual ~Origin() = default;
-  /// Exactly these, which lie within `size`.
-  virtual void read(std::uint64_t offset, void* to, std::size_t bytes) = 0;
-
-  std::string place;
-  std::uint64_t size;
-};
-
-struct MemoryOrigin : Origin {
-  MemoryOrigin(std::span<const std::byte> bytes, const std::string& place)
-      : Origin(place, bytes.size()), bytes(bytes) {}
-  void read(std::uint64_t offset, void* to, std::size_t count) override {
-    if (count > 0) std::memcpy(to, bytes.data() + offset, count);
-  }
-  std::span<const std::byte> bytes;
-};
-
-class FileOrigin : public Origin {
- public:
-  explicit FileOrigin(const std::string& path)
-      : Origin(path, 0), fd_(::open(path.c_str(), O_RDONLY | O_CLOEXEC)) {
-    if (fd_ < 0) throw Error(ErrorKind::io, path, "cannot be opened", std::strerror(errno));
-    struct stat status = {};
-    const bool known = ::fstat(fd_, &status) == 0;
-    if (!known || !S_ISREG(status.st_mode)) {
-      ::close(fd_);
-      throw Error(ErrorKind::io, path, known ? "is no file" : "cannot be read");
-    }
-    size = static_cast<std::uint64_t>(status.st_size);
-  }
-  ~FileOrigin() override { ::close(fd_); }
-  FileOrigin(const FileOrigin&) = delete;
-  FileOrigin& operator=(const FileOrigin&) = delete;
-
-  void read(std::uint64_t offset, void* to, std::size_t count) override {
-    auto* p = static_cast<std::byte*>(to);
-    while (count > 0) {
-      const ::ssize_t got = ::pread(fd_, p, count, static_cast<::off_t>(offset));
-      if (got < 0 && errno == EINTR) continue;
-      if (got < 0) throw Error(ErrorKind::io, place, "cannot be read", std::strerror(errno));
-      if (got == 0)
-        throw Error(ErrorKind::data, place, "grew shorter while it was read", std::to_string(offset));
-      p += got;
-      offset += static_cast<std::uint64_t>(got);
-      count -= static_cast<std::size_t>(got);
-    }
-  }
-
- private:
-  int fd_;
-};
-
-struct Section {
-  std::string name;
-  std::uint64_t offset = 0, bytes = 0;
-};
-
-constexpr std::size_t kWindow = 1 << 16;
-
-// The fields of one section, none of them taken on trust. Errors name the byte of the field that was read
-// last.
-class Reader {
- public:
-  Reader(Origin& origin, const Section& section, std::vector<std::byte>& window)
-      : origin_(origin), section_(section), window_(window) {}
-
-  std::uint64_t remaining() const { return section_.bytes - at_; }
-
-  template <class Value>
-  [[noreturn]] void fail(const char* what, const Value& value) const {
-    throw Error(
-        ErrorKind::data,
-        origin_.place + ", section " + section_.name + ", byte " + std::to_string(section_.offset + last_),
-        what, std::to_string(value));
-  }
-
-  /// That so many records of at least so many bytes can still come.
-  void expect(std::uint64_t count, std::size_t bytes, const char* what) const {
-    if (count > remaining() / bytes) fail(what, count);
-  }
-  void bytes(void* to, std::size_t count) {
-    last_ = at_;
-    if (count > remaining()) fail("the section ends too soon; bytes missing", count - remaining());
-    auto* p = static_cast<std::byte*>(to);
-    while (count > 0) {
-      if (at_ < begin_ || at_ >= end_) {
-        if (count >= kWindow) {  // straight to where it belongs
-          origin_.read(section_.offset + at_, p, count);
-          at_ += count;
-          return;
-        }
-        begin_ = at_;
-        end_ = at_ + std::min<std::uint64_t>(kWindow, remaining());
-        origin_.read(section_.offset + begin_, window_.data(), static_cast<std::size_t>(end_ - begin_));
-      }
-      const std::size_t now = std::min(count, static_cast<std::size_t>(end_ - at_));
-      std::memcpy(p, window_.data() + (at_ - begin_), now);
-      p += now;
-      at_ += now;
-      count -= now;
-    }
-  }
-  template <class T>
-  T number() {
-    T value;
-    bytes(&value, sizeof(value));
-    return value;
-  }
-  template <class T>
-  T number(T least, T most, const char* what) {
-    const T value = number<T>();
-    if (!(value >= least && value <= most)) fail(what, value);
-    return value;
-  }
-  /// Numbers that are none are refused.
-  void finite(auto& list, const char* what) {
-    bytes(list.data(), sizeof(*list.data()) * static_cast<std::size_t>(list.size()));
-    for (const auto value : list.reshaped())
-      if (!std::isfinite(value)) fail(what, value);
-  }
-  template <class T>
-  T finite(const char* what) {
-    const T value = number<T>();
-    if (!std::isfinite(value)) fail(what, value);
-    return value;
-  }
-  std::string text() {
-    const auto size = number<std::uint32_t>(0, format::kMaxText, "a text is too long");
-    expect(size, 1, "a text is longer than the section");
-    std::string text(size, '\0');
-    bytes(text.data(), size);
-    return text;
-  }
-  SE3d pose() {
-    Eigen::Vector4d q;
-    finite(q, "a rotation is no number");
-    if (std::abs(q.squaredNorm() - 1) > 1e-9)
-      fail("a rotation is no unit quaternion; its squared norm", q.squaredNorm());
-    Vec3<double> t;
-    finite(t, "a position is no number");
-    SO3d R;
-    // Not through the constructor: it normalises, which would move the last bit.
-    const_cast<Eigen::Quaterniond&>(R.quaternion()).coeffs() = q;
-    return {R, t};
-  }
-  Mat6<double> covariance() {
-    Mat6<double> C;
-    finite(C, "a covariance is no number");
-    return C;
-  }
-  void end() {
-    last_ = at_;
-    if (remaining() > 0) fail("has bytes that belong to nothing", remaining());
-  }
-
- private:
-  Origin& origin_;
-  const Section& section_;
-  std::vector<std::byte>& window_;  // holds the bytes from begin_ to end_ of the section
-  std::uint64_t at_ = 0, last_ = 0, begin_ = 0, end_ = 0;
-};
-
-std::vector<Section> read_table(Origin& origin, std::vector<std::byte>& window) {
-  const auto wrong = [&](const char* what, std::uint64_t value) {
-    throw Error(ErrorKind::data, origin.place, what, std::to_string(value));
-  };
-  std::array<std::byte, format::kHeaderBytes> head;
-  if (origin.size < head.size()) wrong("is too short for an atlas; bytes", origin.size);
-  origin.read(0, head.data(), head.size());
-  const auto get = [](const std::byte* from, auto value) {
-    std::memcpy(&value, from, sizeof(value));
-    return value;
-  };
-  if (std::memcmp(head.data(), format::kMagic, sizeof(format::kMagic)) != 0)
-    throw Error(ErrorKind::data, origin.place, "is no atlas");
-  const auto order = get(&head[12], std::uint32_t{});
-  if (order != format::kByteOrder) wrong("has another byte order", order);
-  const auto file_version = get(&head[8], std::uint32_t{});
-  if (file_version != format::kVersion) wrong("has an unknown version", file_version);
-  const auto size = get(&head[16], std::uint64_t{});
-  if (size != origin.size) wrong("is cut short or too long: bytes as its header says", size);
-  const auto count = get(&head[24], std::uint32_t{});
-  if (count < std::size(format::kSections) || count > std::size(format::kSections) + format::kMaxAttachments)
-    wrong("has a wrong number of sections", count);
-  if (count * format::kEntryBytes > size - format::kHeaderBytes) wrong("has more sections than bytes", count);
-
-  std::vector<std::byte> table(count * format::kEntryBytes);
-  origin.read(format::kHeaderBytes, table.data(), table.size());
-  const auto crc_of = [](std::uint32_t crc, const std::byte* data, std::size_t bytes) {
-    return static_cast<std::uint32_t>(::crc32_z(crc, reinterpret_cast<const Bytef*>(data), bytes));
-  };
-  const auto table_crc = get(&head[28], std::uint32_t{});
-  if (crc_of(0, table.data(), table.size()) != table_crc)
-    wrong("has a damaged table of sections: its CRC should be", table_crc);
-
-  // Sections fill the file without gaps: every byte is under a CRC.
-  std::vector<Section> sections(count);
-  std::uint64_t next = format::kHeaderBytes + table.size();
-  for (std::uint32_t i = 0; i < count; ++i) {
-    const std::byte* entry = &table[i * format::kEntryBytes];
-    const auto* name = reinterpret_cast<const char*>(entry);
-    Section& section = sections[i];
-    section.name.assign(name, ::strnlen(name, format::kNameBytes));
-    const std::string_view expected =
-        i < std::size(format::kSections) ? format::kSections[i] : format::kAttachment;
-    if (section.name != expected) wrong("has another section than it should; number", i);
-    section.offset = get(entry + 16, std::uint64_t{});
-    section.bytes = get(entry + 24, std::uint64_t{});
-    if (section.offset != next)
-      wrong("has a section that is not where it belongs; its offset", section.offset);
-    if (section.bytes > size - next)
-      wrong("has a section that is longer than the file; bytes", section.bytes);
-    next += section.bytes;
-    const auto expected_crc = get(entry + 32, std::uint32_t{});
-    std::uint32_t crc = 0;
-    for (std::uint64_t done = 0; done < section.bytes;) {
-      const auto now = static_cast<std::size_t>(std::min<std::uint64_t>(kWindow, section.bytes - done));
-      origin.read(section.offset + done, window.data(), now);
-      crc = crc_of(crc, window.data(), now);
-      done += now;
-    }
-    if (crc != expected_crc)
-      throw Error(ErrorKind::data,
-                  origin.place + ", section " + section.name + ", byte " + std::to_string(section.offset),
-                  "is damaged: its CRC should be", std::to_string(expected_crc));
-  }
-  if (next != size) wrong("has bytes that belong to no section; from", next);
-  return sections;
-}
+using format::Origin, format::Reader, format::Section;
 
 struct Counts {
   std::uint32_t keyframes = 0, keyframe_id_end = 0, points = 0;
@@ -447,8 +208,8 @@ void read_attachments(Reader& in, AtlasInfo& info, const MapParts& parts) {
 }
 
 Atlas decode(Origin& origin) {
-  std::vector<std::byte> window(kWindow);
-  const std::vector<Section> sections = read_table(origin, window);
+  std::vector<std::byte> window(format::kWindow);
+  const std::vector<Section> sections = format::read_table(origin, window);
   const auto reader = [&](std::size_t i) { return Reader(origin, sections[i], window); };
   Atlas atlas;
   MapParts parts;
@@ -476,12 +237,12 @@ Atlas decode(Origin& origin) {
 }  // namespace
 
 Atlas read_atlas(const std::string& path) {
-  FileOrigin file(path);
+  format::FileOrigin file(path);
   return decode(file);
 }
 
 Atlas decode_atlas(std::span<const std::byte> bytes, const std::string& place) {
-  MemoryOrigin memory(bytes, place);
+  format::MemoryOrigin memory(bytes, place);
   return decode(memory);
 }
 

@@ -46,6 +46,10 @@ class Map {
   Map() = default;
   /// A map again from its parts. Throws Error(argument) that names the first invariant that they break.
   explicit Map(MapParts&& parts);
+  Map(Map&&) = default;
+  Map& operator=(Map&&) = default;
+  Map(const Map&) = delete;
+  Map& operator=(const Map&) = delete;
 
   /// Starts another map, that is a tree of keyframes in a frame of its own.
   MapId add_map() { return MapId{map_count_++}; }
