@@ -13,6 +13,11 @@ constexpr const char* kKeyframeColor = "#c2571a";
 constexpr std::size_t kMostMapPoints = 20000;
 constexpr int kFewObservations = 3;  // points seen by fewer keyframes are not drawn
 constexpr double kOutlyingShare = 0.03;
+// Keyframes of two visits to a place, and how many points tie them at least.
+constexpr TimeNs kOtherVisit = 20 * kNsPerSecond;
+constexpr int kTiePoints = 20;
+constexpr const char* kTieColor = "#3a9b4a";
+constexpr const char* kBlindColor = "#c2571a";
 
 // The box that leaves out the outermost points of each direction, lest a far one shrinks the rest to nothing.
 PositionBox inner_box(const std::vector<Vec3<double>>& points) {
@@ -46,6 +51,34 @@ std::array<int, 2> axes_from_above(const SE3d& T_body_camera, std::span<const St
   return axes;
 }
 
+// What ties keyframes beyond their order in time: points seen at another visit, and odometry where nothing
+// was seen.
+template <class Place>
+void draw_graph(std::string& svg, const Map& map, const Place& place) {
+  std::string ties, blind;
+  const auto line = [&](std::string& path, const Keyframe& from, const Keyframe& to) {
+    const auto [u0, v0] = place(from);
+    const auto [u1, v1] = place(to);
+    path += fmt::format("M{:.1f} {:.1f}L{:.1f} {:.1f}", u0, v0, u1, v1);
+  };
+  for (std::uint32_t k = 0; k < map.keyframe_id_end(); ++k) {
+    const Keyframe* keyframe = map.find(KeyframeId{k});
+    if (!keyframe) continue;
+    for (const Covisible& c : keyframe->covisible) {
+      const Keyframe& other = map.keyframe(c.keyframe);
+      if (other.t < keyframe->t - kOtherVisit && c.points >= kTiePoints) line(ties, other, *keyframe);
+    }
+    if (keyframe->odometry && (keyframe->blind() || map.keyframe(keyframe->odometry->from).blind()))
+      line(blind, map.keyframe(keyframe->odometry->from), *keyframe);
+  }
+  svg += fmt::format(R"(<path stroke="{}" stroke-width="0.6" stroke-opacity="0.5" fill="none" d="{}"/>)"
+                     "\n",
+                     kTieColor, ties);
+  svg += fmt::format(R"(<path stroke="{}" stroke-width="1.2" stroke-dasharray="4 3" fill="none" d="{}"/>)"
+                     "\n",
+                     kBlindColor, blind);
+}
+
 }  // namespace
 
 std::string map_svg(const Map& map, const SE3d& T_body_camera, std::span<const StampedPose> path) {
@@ -66,9 +99,9 @@ std::string map_svg(const Map& map, const SE3d& T_body_camera, std::span<const S
 
   std::string svg = svg_head(kWidth, kHeight);
   svg += fmt::format(
-      R"(<text x="70" y="26" font-size="14">{} points, <tspan fill="{}">path of {:.2f} m</tspan>, <tspan fill="{}">{} keyframes</tspan></text>)"
+      R"(<text x="70" y="26" font-size="14">{} points, <tspan fill="{}">path of {:.2f} m</tspan>, <tspan fill="{}">{} keyframes</tspan> (dashed: blind), <tspan fill="{}">ties between visits</tspan></text>)"
       "\n",
-      map.point_count(), kPathColor, path_length(path), kKeyframeColor, map.keyframe_count());
+      map.point_count(), kPathColor, path_length(path), kKeyframeColor, map.keyframe_count(), kTieColor);
   const char* names = "xyz";
   panel.frame(svg, fmt::format("{} [m]", names[a]), fmt::format("{} [m]", names[b]));
 
@@ -83,6 +116,10 @@ std::string map_svg(const Map& map, const SE3d& T_body_camera, std::span<const S
   panel.polyline(svg, path.size(), kPathColor, 2.0, [&](std::size_t i) {
     const Vec3<double>& p = path[i].T_world_body.translation();
     return std::pair(p[a], p[b]);
+  });
+  draw_graph(svg, map, [&](const Keyframe& keyframe) {
+    const Vec3<double> p = (T_body_camera * keyframe.T_camera_world).inverse().translation();
+    return std::pair(panel.u(p[a]), panel.v(p[b]));
   });
   for (std::uint32_t k = 0; k < map.keyframe_id_end(); ++k) {
     const Keyframe* keyframe = map.find(KeyframeId{k});
