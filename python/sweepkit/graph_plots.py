@@ -55,7 +55,7 @@ def plot_pose_graph(graph: PoseGraph, result: typing.Optional[PoseGraphResult] =
         panels[0].set_title(f"before: cost {result.initial_cost:.4g}")
         _draw_graph(panels[1], graph, _positions_in_plane(result.poses[:, :3], graph.up_world), rejected)
         panels[1].set_title(f"after: cost {result.final_cost:.4g}")
-    panels[-1].legend(loc="upper right", fontsize=8)
+    panels[-1].legend(loc="best", fontsize=8)
     if title:
         figure.suptitle(title)
     if file is not None:
