@@ -16,10 +16,11 @@ namespace sweepkit {
 enum class FloorLabel : std::uint8_t { unknown = 0, floor = 1, obstacle = 2, hole = 3 };
 
 /// What is known of the errors of disparities on the floor and of the floor's plane, and what is too low to
-/// matter. The defaults are those measured on simulated recordings with SGBM.
+/// matter. The defaults were measured on simulated recordings with semi-global matching that expects the
+/// floor.
 struct FloorNoise {
-  double sigma = 0.35;
-  double sigma_per_disparity = 0.004;
+  double sigma = 0.5;
+  double sigma_per_disparity = 0.0;
   double sigma_pitch = 0.05;
   double sigma_height = 0.0007;
   double factor = 4.0;
