@@ -7,6 +7,7 @@
 #include <utility>
 
 #include "sweepkit/core/error.hpp"
+#include "sweepkit/floor/reachable_floor.hpp"
 
 namespace sweepkit {
 namespace {
@@ -85,6 +86,27 @@ void FloorMap::rebuild() {
   for (auto& [id, keyframe] : keyframes_)
     for (Scan& scan : keyframe.scans) scan.drawn.reset();
   update();
+}
+
+OccupancyImage FloorMap::image() const {
+  std::vector<Vec2<double>> places;
+  for (const auto& [id, keyframe] : keyframes_)
+    for (const Scan& scan : keyframe.scans) {
+      if (!scan.drawn) continue;
+      const PlanarPose& pose = *scan.drawn;
+      const Vec2<double>& foot = scan.scan.footprint;
+      const double c = std::cos(pose.yaw), s = std::sin(pose.yaw);
+      places.emplace_back(pose.x + c * foot.x() - s * foot.y(), pose.y + s * foot.x() + c * foot.y());
+    }
+  OccupancyImage map = grid_.image();
+  keep_reachable(map, places);
+  return map;
+}
+
+std::vector<KeyframeId> FloorMap::keyframes() const {
+  std::vector<KeyframeId> ids;
+  for (const auto& [id, keyframe] : keyframes_) ids.push_back(id);
+  return ids;
 }
 
 std::size_t FloorMap::scans() const {

@@ -62,6 +62,11 @@ class FloorMap {
   void rebuild();
 
   const OccupancyGrid& grid() const { return grid_; }
+  /// The grid's cells as a map, without what lies behind walls by error: see keep_reachable, the places being
+  /// those at which the robot stood when it saw the scans.
+  OccupancyImage image() const;
+  /// The keyframes that scans hang on, in order.
+  std::vector<KeyframeId> keyframes() const;
   std::size_t scans() const;
   std::size_t drawn() const;
   /// Memory of the scans.

@@ -52,8 +52,8 @@ struct FloorScanOptions {
   double bearing_step = 0.5;
   double max_range = 3.0;
   double max_height = 0.1;
-  double disparity_noise = 0.25;
-  int min_rows = 2;
+  double disparity_noise = 0.3;
+  int min_rows = 3;
   int min_hole_rows = 4;
   double max_gap = 0.05;
   double footprint_radius = 0.15;
@@ -267,24 +267,27 @@ void FloorScanner::walk(View2d<const D> disparity, const RectifiedCamera& camera
   }
   end_obstacle();
   end_floor();
-  // Floor is seen no farther than what stands at the camera's height lets it be seen.
+  // Floor is seen no farther than what stands at the camera's height lets it be seen. The lowest rows of an
+  // obstacle's face differ from the floor by less than the tolerance: floor that seems to reach a little
+  // behind it ends before it. Both by a standard deviation of the distance.
+  const auto cut = [&](double r, double until) {
+    const std::uint16_t end = impl::millimetres(r - scan.range_noise * r * r);
+    for (std::size_t i = first; i < scan.stretches.size(); ++i) {
+      FloorStretch& s = scan.stretches[i];
+      if (1e-3 * s.from < r && s.to > end && 1e-3 * s.to < until) s.to = end;
+    }
+  };
+  for (const FloorStretch& o : obstacles_) cut(1e-3 * o.from, kOvershoot * 1e-3 * o.from);
+  double limit = std::numeric_limits<double>::infinity();
   if (static_cast<int>(ahead_.size()) >= kAheadRows / 3) {
     const auto middle = ahead_.begin() + static_cast<std::ptrdiff_t>(ahead_.size() / 2);
     std::nth_element(ahead_.begin(), middle, ahead_.end());
-    const std::uint16_t limit = impl::millimetres(1.0 / *middle);
-    for (std::size_t i = scan.stretches.size(); i-- > first;) {
-      FloorStretch& s = scan.stretches[i];
-      s.to = std::min(s.to, limit);
-      if (s.from >= limit) scan.stretches.erase(scan.stretches.begin() + static_cast<std::ptrdiff_t>(i));
-    }
+    limit = 1.0 / *middle;
+    cut(limit, std::numeric_limits<double>::infinity());
   }
-  // The lowest rows of an obstacle's face differ from the floor by less than the tolerance: the floor that
-  // seems to reach a little behind it ends at it.
-  for (const FloorStretch& o : obstacles_)
-    for (std::size_t i = first; i < scan.stretches.size(); ++i) {
-      FloorStretch& s = scan.stretches[i];
-      if (s.from < o.from && s.to > o.from && s.to < kOvershoot * o.from) s.to = o.from;
-    }
+  std::erase_if(scan.stretches, [&](const FloorStretch& s) {
+    return s.bearing == index && (s.to <= s.from || 1e-3 * s.from >= limit);
+  });
   scan.stretches.insert(scan.stretches.end(), obstacles_.begin(), obstacles_.end());
 }
 

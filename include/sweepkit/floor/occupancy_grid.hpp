@@ -16,11 +16,11 @@ namespace sweepkit {
 
 struct OccupancyGridOptions {
   double cell = 0.05;
-  double free_evidence = 0.4;
+  double free_evidence = 0.6;
   double occupied_evidence = 0.9;
   double footprint_evidence = 4.0;
-  double sharp_range = 1.0;
-  double free_below = 0.35;
+  double sharp_range = 1.5;
+  double free_below = 0.4;
   double occupied_above = 0.65;
   int max_cells = 16000000;
 
