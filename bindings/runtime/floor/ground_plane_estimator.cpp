@@ -30,6 +30,13 @@ constexpr double kHeightDrift = 1e-5;               // [m / sqrt(s)]
 
 double square(double x) { return x * x; }
 
+// What an image shows of the state.
+Eigen::Matrix<double, 3, kStates> seen_by_image() {
+  Eigen::Matrix<double, 3, kStates> H;
+  H << Mat3<double>::Identity(), Mat3<double>::Identity(), Mat3<double>::Identity(), Vec3<double>::UnitZ();
+  return H;
+}
+
 // d slope / d (pitch, roll, height), with slope = scale * down / height.
 Mat3<double> slope_by_angles(const Vec3<double>& slope, double scale) {
   const double norm = slope.norm();
@@ -85,6 +92,7 @@ struct GroundPlaneEstimator::State {
   StateVector x;
   StateMatrix P;
   double climb = 0.0, climb_variance = 0.0;   // of the wheels since the floor was seen [m]
+  double unseen = 0.0;                        // how long ago the floor was measured [s]
   double support = 0.0;                       // how long the floor was seen where it is believed to be [s]
   Vec3<double> rival = Vec3<double>::Zero();  // another floor that the seed permits
   double rival_support = 0.0;
@@ -149,7 +157,7 @@ void GroundPlaneEstimator::State::reset() {
   P.block<3, 3>(kTilt, kTilt) = ride();
   P.block<3, 3>(kView, kView) = view();
   P(kBias, kBias) = square(options.disparity_bias);
-  climb = climb_variance = support = rival_support = 0.0;
+  climb = climb_variance = unseen = support = rival_support = 0.0;
 }
 
 void GroundPlaneEstimator::State::forget_tilt() {
@@ -198,6 +206,7 @@ bool GroundPlaneEstimator::State::predict(const GroundPlaneStep& step) {
   F.block<3, 3>(kView, kView) *= view_fade;
   Q.block<3, 3>(kTilt, kTilt) += (1.0 - fade * fade) * ride() + faded * faded.transpose();
   Q.block<3, 3>(kView, kView) = (1.0 - view_fade * view_fade) * view();
+  unseen += step.seconds;
   x = next;
   P = (F * P * F.transpose() + Q).eval();
   if (step.vertical) look_down(*step.vertical);
@@ -247,7 +256,7 @@ int GroundPlaneEstimator::State::collect(View2d<const T> disparity) {
       ++valid;
       if (square(d - floor) < square(kGate) * (ray.dot(search * ray) + noise))
         samples.add(static_cast<float>(x), static_cast<float>(y), d,
-                    static_cast<std::uint8_t>(v * 16 / disparity.height * 8 + u * 8 / disparity.width));
+                    static_cast<std::uint8_t>(v * 8 / disparity.height * 4 + u * 4 / disparity.width));
     }
   }
   return valid;
@@ -291,21 +300,31 @@ void GroundPlaneEstimator::State::measure(GroundPlaneResult& result, double seco
   const std::vector<impl::Surface>& surfaces =
       finder.find(samples, prior, {options.disparity_noise, options.hypotheses, options.min_pixels, 3});
 
-  // Of the surfaces that are large enough the one that agrees best with what is known, and the largest.
-  Eigen::Matrix<double, 3, kStates> H;
-  H << Mat3<double>::Identity(), Mat3<double>::Identity(), Mat3<double>::Identity(), Vec3<double>::UnitZ();
-  const Vec3<double> expected = H * x;
-  const Mat3<double> expected_covariance = H * P * H.transpose();
+  // Of the surfaces that are large enough and agree with what is known the one nearest to the robot. Where
+  // none has agreed with the tilt for long, motion may have told it wrongly: the robot was put down
+  // elsewhere.
+  const Eigen::Matrix<double, 3, kStates> H = seen_by_image();
   const impl::Surface *floor = nullptr, *largest = nullptr;
-  double nearest = 0.0;
-  for (const impl::Surface& surface : surfaces) {
-    if (!fixes(surface)) continue;
-    if (!largest || surface.inliers > largest->inliers) largest = &surface;
-    if (surface.inliers < options.min_share * static_cast<double>(samples.size())) continue;
-    const double d = distance(surface, expected, expected_covariance);
-    if (!floor || d < nearest) {
-      floor = &surface;
-      nearest = d;
+  const auto choose = [&] {
+    const Vec3<double> expected = H * x;
+    const Mat3<double> covariance = H * P * H.transpose();
+    for (const impl::Surface& surface : surfaces)
+      if (fixes(surface) && surface.inliers >= options.min_share * static_cast<double>(samples.size()) &&
+          distance(surface, expected, covariance) < options.consistency &&
+          (!floor || surface.disparity > floor->disparity))
+        floor = &surface;
+  };
+  for (const impl::Surface& surface : surfaces)
+    if (fixes(surface) && (!largest || surface.inliers > largest->inliers)) largest = &surface;
+  choose();
+  if (!floor && largest && unseen > options.settle_time) {
+    const StateVector x_tilted = x;
+    const StateMatrix P_tilted = P;
+    forget_tilt();
+    choose();
+    if (!floor) {
+      x = x_tilted;
+      P = P_tilted;
     }
   }
   if (!largest)
@@ -314,13 +333,12 @@ void GroundPlaneEstimator::State::measure(GroundPlaneResult& result, double seco
   const impl::Surface& shown = floor ? *floor : *largest;
   result.inliers = shown.inliers;
   result.noise = shown.noise;
-  if (!floor || nearest > options.consistency) {
+  if (!floor) {
     learn_rival(*largest, seconds);
-    return stop(GroundPlaneState::refused,
-                floor == largest ? GroundPlaneReason::contradiction : GroundPlaneReason::other_surface);
+    return stop(GroundPlaneState::refused, GroundPlaneReason::contradiction);
   }
-  update<3>(H, floor->seen - expected, noise_of(*floor));
-  climb = climb_variance = 0.0;
+  update<3>(H, floor->seen - H * x, noise_of(*floor));
+  climb = climb_variance = unseen = 0.0;
   support = std::min(support + seconds, kMaxSupport);
   rival_support = std::max(rival_support - seconds, 0.0);
   stop(GroundPlaneState::measured, GroundPlaneReason::none);

@@ -15,9 +15,8 @@ namespace sweepkit::impl {
 
 namespace {
 
-constexpr double kTukey = 4.685;    // 95 % efficient for normal errors
-constexpr double kGate = 3.0;       // of MSAC, and within which samples belong to a surface [sigma]
-constexpr double kMaxSpread = 2.0;  // times sigma that residuals may spread and still be one surface
+constexpr double kTukey = 4.685;  // 95 % efficient for normal errors
+constexpr double kGate = 3.0;     // of MSAC, and within which samples belong to a surface [sigma]
 constexpr double kMadToSigma = 1.4826;
 constexpr int kRounds = 8;
 constexpr std::size_t kScored = 768;  // samples that score a hypothesis
@@ -77,13 +76,15 @@ Vec3<double> SurfaceFinder::consensus(const SlopePrior& prior, const SurfaceSear
 }
 
 bool SurfaceFinder::refine(Surface& surface, const SlopePrior& prior, const SurfaceSearch& search) {
-  double spread = search.sigma;
+  // Not adapted to the residuals: a wider window would take two surfaces of a few millimetres' difference for
+  // one.
+  const auto limit = static_cast<float>(kTukey * search.sigma);
+  const float inverse = 1.0f / (limit * limit);
+  const double weight = 1.0 / (search.sigma * search.sigma);
   Mat3<double> normal;
   Vec3<double> sum;
   for (int round = 0; round < kRounds; ++round) {
     const Vec3<float> s = surface.slope.cast<float>();
-    const auto limit = static_cast<float>(kTukey * spread);
-    const float inverse = 1.0f / (limit * limit);
     double xx = 0, xy = 0, yy = 0, x1 = 0, y1 = 0, w1 = 0, xd = 0, yd = 0, d1 = 0;
     sizes_.clear();
     for (std::size_t i = 0; i < left_.size(); ++i) {
@@ -109,7 +110,7 @@ bool SurfaceFinder::refine(Surface& surface, const SlopePrior& prior, const Surf
     std::nth_element(sizes_.begin(), middle, sizes_.end());
     surface.noise = kMadToSigma * *middle;
 
-    const double weight = 1.0 / (spread * spread);
+    surface.disparity = d1 / w1;
     normal << xx, xy, x1, xy, yy, y1, x1, y1, w1;
     normal *= weight;
     sum = weight * Vec3<double>(xd, yd, d1);
@@ -119,20 +120,19 @@ bool SurfaceFinder::refine(Surface& surface, const SlopePrior& prior, const Surf
     const double moved = (next - surface.slope).cwiseAbs().maxCoeff();
     surface.slope = next;
     if (moved < 1e-3) break;
-    spread = std::clamp(surface.noise, search.sigma, kMaxSpread * search.sigma);
   }
-  find_covariance(surface, normal, sum, spread);
+  find_covariance(surface, normal, sum, search.sigma);
   return true;
 }
 
 void SurfaceFinder::find_covariance(Surface& surface, const Mat3<double>& normal, const Vec3<double>& sum,
-                                    double spread) {
+                                    double sigma) {
   const Eigen::LDLT<Mat3<double>> solver(normal);
   surface.determined = solver.rcond() > 1e-9;
   if (!surface.determined) return;
   surface.seen = solver.solve(sum);
   const Vec3<float> s = surface.seen.cast<float>();
-  const auto limit = static_cast<float>(kTukey * spread);
+  const auto limit = static_cast<float>(kTukey * sigma);
   const float inverse = 1.0f / (limit * limit);
   std::array<Vec3<double>, FloorSamples::kCells> pulls;
   pulls.fill(Vec3<double>::Zero());
@@ -144,7 +144,7 @@ void SurfaceFinder::find_covariance(Surface& surface, const Mat3<double>& normal
   }
   Mat3<double> scatter = Mat3<double>::Zero();
   for (const Vec3<double>& pull : pulls) scatter += pull * pull.transpose();
-  scatter /= spread * spread * spread * spread;
+  scatter /= sigma * sigma * sigma * sigma;
   // At least what independent samples would leave.
   surface.covariance = solver.solve(Mat3<double>(solver.solve(scatter).transpose()));
   surface.covariance += solver.solve(Mat3<double>::Identity());
@@ -161,8 +161,7 @@ const std::vector<Surface>& SurfaceFinder::find(const FloorSamples& samples, con
     if (!refine(surface, prior, search)) break;
     surfaces_.push_back(surface);
     const Vec3<float> s = surface.slope.cast<float>();
-    const auto gate =
-        static_cast<float>(kGate * std::clamp(surface.noise, search.sigma, kMaxSpread * search.sigma));
+    const auto gate = static_cast<float>(kGate * search.sigma);
     std::size_t kept = 0;
     for (std::size_t i = 0; i < left_.size(); ++i) {
       if (!(std::abs(left_.residual(i, s)) > gate)) continue;

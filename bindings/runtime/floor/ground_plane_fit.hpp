@@ -15,7 +15,7 @@ namespace sweepkit::impl {
 /// Pixels that may show a floor: their rays' x and y, their disparities [px], and the cell of the image that
 /// they lie in. Errors of pixels of one cell may go together.
 struct FloorSamples {
-  static constexpr int kCells = 128;
+  static constexpr int kCells = 32;
 
   std::vector<float> x, y, d;
   std::vector<std::uint8_t> cell;
@@ -45,7 +45,7 @@ struct SlopePrior {
 };
 
 struct SurfaceSearch {
-  double sigma;     ///< standard deviation of a disparity, of which residuals may show more [px]
+  double sigma;     ///< standard deviation of a disparity [px]
   int hypotheses;   ///< planes tried for each surface
   int min_samples;  ///< on a surface
   int max_surfaces;
@@ -58,8 +58,9 @@ struct Surface {
   Vec3<double> seen;
   Mat3<double> covariance;
   bool determined = false;
-  int inliers = 0;     ///< samples with a weight above zero
-  double noise = 0.0;  ///< standard deviation of their residuals [px]
+  int inliers = 0;         ///< samples with a weight above zero
+  double disparity = 0.0;  ///< their weighted mean [px]: how near the surface is seen
+  double noise = 0.0;      ///< standard deviation of their residuals [px]
 };
 
 /// Finds planes one after another, each on what the ones before left over. Each begins as the best by MSAC
@@ -73,7 +74,7 @@ class SurfaceFinder {
 
  private:
   Vec3<double> consensus(const SlopePrior& prior, const SurfaceSearch& search);
-  void find_covariance(Surface& surface, const Mat3<double>& normal, const Vec3<double>& sum, double spread);
+  void find_covariance(Surface& surface, const Mat3<double>& normal, const Vec3<double>& sum, double sigma);
   bool refine(Surface& surface, const SlopePrior& prior, const SurfaceSearch& search);
 
   FloorSamples left_;    // that no surface has taken yet

@@ -36,9 +36,9 @@ struct GroundPlaneSeed {
 /// How the ground plane is estimated.
 struct GroundPlaneOptions {
   double mounting_angle = 0.5;
-  double mounting_height = 0.003;
+  double mounting_height = 0.001;
   double ride_angle = 0.07;
-  double ride_height = 0.001;
+  double ride_height = 0.0005;
   double view_angle = 0.1;
   double view_height = 0.0007;
   double view_time = 2.0;
