@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from sweepkit.image import ImagePyramid
+from sweepkit.geometry import Camera, Side, StereoRig
+from sweepkit.image import (DenseMatcher, DisparityOptions, DisparityRamp, ImagePyramid, StereoDisparity, StereoRectifier)
 
 
 def test_levels_are_views():
@@ -31,3 +32,39 @@ def test_wrong_images_are_named():
         ImagePyramid(np.zeros((0, 5), np.uint8))
     with pytest.raises(ValueError, match="got 9"):
         ImagePyramid(np.zeros((40, 50), np.uint8), levels=2).level(9)
+
+
+def shifted_pair(disparity, height=96, width=192):
+    texture = np.random.default_rng(3).integers(0, 255, (height, width + 64), np.uint8)
+    return np.ascontiguousarray(texture[:, 32 - disparity:32 - disparity + width]), np.ascontiguousarray(texture[:, 32:32 + width])
+
+
+def test_dense_disparity_of_a_rectified_pair():
+    left, right = shifted_pair(20)
+    matcher = DenseMatcher(DisparityOptions(disparities=32))
+    disparity = matcher.match(left, right)
+    assert disparity.dtype == np.int16 and disparity.shape == left.shape and not disparity.flags.writeable
+    inner = disparity[8:-8, 40:-8]
+    assert (abs(inner / 16 - 20) < 0.5).mean() > 0.95
+    np.testing.assert_array_equal(matcher.match(left, right, DisparityRamp()), disparity)
+    assert not DenseMatcher().match(np.zeros_like(left), np.zeros_like(left)).any()
+    with pytest.raises(ValueError, match="192x96 and 191x96"):
+        matcher.match(left, right[:, :-1])
+    with pytest.raises(ValueError, match="multiple of 16"):
+        DenseMatcher(DisparityOptions(disparities=33))
+
+
+def test_dense_disparity_of_a_raw_pair():
+    camera = Camera([150, 150, 95, 47], "none", [], 192, 96)
+    rig = StereoRig(camera, camera, np.eye(4), np.array([[1, 0, 0, 0.06], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1.0]]))
+    left, right = shifted_pair(12)
+    source = StereoDisparity(rig, DisparityOptions(disparities=32))
+    disparity = source.match(left, right)
+    assert np.median(disparity[8:-8, 40:-8]) == pytest.approx(12 * 16, abs=4)
+    assert source.camera.baseline == pytest.approx(0.06)
+    rectifier = StereoRectifier(rig)
+    rectifier.rectify(left, right)
+    np.testing.assert_array_equal(rectifier.image(Side.right), right)
+    assert (rectifier.seen(Side.left) == 255).all()
+    with pytest.raises(ValueError, match="192x96"):
+        source.match(left[:-1], right)

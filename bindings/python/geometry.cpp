@@ -16,6 +16,7 @@
 #include "sweepkit/geometry/camera.hpp"
 #include "sweepkit/geometry/p3p.hpp"
 #include "sweepkit/geometry/pnp.hpp"
+#include "sweepkit/geometry/rectified_camera.hpp"
 #include "sweepkit/geometry/se3.hpp"
 #include "sweepkit/geometry/sim3.hpp"
 #include "sweepkit/geometry/so3.hpp"
@@ -240,6 +241,16 @@ void register_cameras(py::module_& m) {
             return for_each_row<RowsByThree>(p.size(), [&](std::size_t i) { return c.unproject(p[i]); });
           },
           py::arg("pixels"), "Rays (n, 3) and a mask (n,) of those that are; the others are nan.");
+
+  py::class_<RectifiedCamera>(m, "RectifiedCamera", "The rectified left camera of a stereo pair.")
+      .def(py::init([](double focal, double cx, double cy, double baseline) {
+             return RectifiedCamera{focal, cx, cy, baseline};
+           }),
+           py::arg("focal"), py::arg("cx"), py::arg("cy"), py::arg("baseline"))
+      .def_readwrite("focal", &RectifiedCamera::focal, "[px]")
+      .def_readwrite("cx", &RectifiedCamera::cx, "[px]")
+      .def_readwrite("cy", &RectifiedCamera::cy, "[px]")
+      .def_readwrite("baseline", &RectifiedCamera::baseline, "[m]");
 
   py::enum_<Side>(m, "Side", "Of a stereo rig.").value("left", Side::left).value("right", Side::right);
 

@@ -18,13 +18,14 @@ PYBIND11_MODULE(_core, m) {
   };
   add("core", python::register_core, "Errors, versions, random numbers.");
   add("geometry", python::register_geometry, "Rotations, motions, cameras, stereo rig, triangulation, PnP.");
-  add("image", python::register_image, "Images in several sizes.");
+  add("image", python::register_image, "Images in several sizes, rectification, dense disparity.");
   add("feature", python::register_feature, "Key points with binary descriptors.");
   add("motion", python::register_motion, "Wheels and IMU: integration, bias, standstill, calibration, slip.");
   add("match", python::register_match, "Stereo matching and matching by descriptor.");
   add("bow", python::register_bow, "Vocabularies, bags of words, images by their words.");
   add("direction", python::register_direction,
       "Vanishing points, Manhattan frames, the main direction of a room.");
+  add("floor", python::register_floor, "What lies on the floor: mask and cloud by the floor's disparity.");
   add("solve", python::register_solve, "Pose graphs; options of the solvers.");
   add("slam", python::register_slam, "Options of tracking and mapping.");
   add("data", python::register_data, "Recordings, trajectories and their evaluation.");

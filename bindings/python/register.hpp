@@ -15,6 +15,7 @@ void register_motion(pybind11::module_& m);
 void register_match(pybind11::module_& m);
 void register_bow(pybind11::module_& m);
 void register_direction(pybind11::module_& m);
+void register_floor(pybind11::module_& m);
 void register_solve(pybind11::module_& m);
 void register_slam(pybind11::module_& m);
 void register_data(pybind11::module_& m);
