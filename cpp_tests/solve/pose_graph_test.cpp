@@ -314,6 +314,28 @@ TEST_CASE("a single wrong loop on a chain is seen, though hardly any error is le
   CHECK(result.contradiction[static_cast<std::size_t>(loop)] == Approx(e.dot(S.inverse() * e)).epsilon(1e-6));
 }
 
+TEST_CASE("wrong loops that agree with each other are found out by the right ones", "[solve]") {
+  for (std::uint64_t seed = 1; seed <= 4; ++seed) {
+    RoundsOptions o;
+    o.band = 1;
+    o.seed = seed;
+    Rounds<SE3d> rounds = make_rounds<SE3d>(o);
+    const auto clean = solve_pose_graph(rounds.graph, tight());
+    REQUIRE(clean.rejected.empty());
+    // Places 10 and 30 look alike, and so do those after them.
+    std::vector<int> wrong;
+    for (int k = 0; k < 5; ++k) {
+      const auto at = [&](int n) { return rounds.truth[static_cast<std::size_t>(n)]; };
+      const SE3d T_i_j = at(10 + k).inverse() * at(10) * at(30).inverse() * at(30 + k);
+      wrong.push_back(
+          rounds.graph.add_edge({10 + k, 30 + k, T_i_j, rounds.graph.edges.back().information, true}));
+    }
+    const auto result = solve_pose_graph(rounds.graph, tight());
+    CHECK(result.rejected == wrong);
+    CHECK(worst(result.T_world_node, clean.T_world_node) < 1e-7);
+  }
+}
+
 TEST_CASE("contradictions of right loops are distributed as chi-square", "[solve]") {
   double sum = 0.0;
   int count = 0;

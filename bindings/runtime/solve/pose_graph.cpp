@@ -19,8 +19,9 @@
 namespace sweepkit {
 namespace {
 
-constexpr double kGate6 = 22.457744484825;  // chi-square, 99.9 %, 6 degrees of freedom
-constexpr double kGate7 = 24.321886347857;  // and 7
+constexpr double kGate6 = 22.457744484825;      // chi-square, 99.9 %, 6 degrees of freedom
+constexpr double kGate7 = 24.321886347857;      // and 7
+constexpr double kNormalGate = 3.090232306168;  // of a normal number; for many degrees of freedom
 
 // What may move of a pose: how many numbers, how they move it, and their directions in its tangent space.
 template <class PoseType>
@@ -424,14 +425,43 @@ class Solver {
   Result result_;
 };
 
-// Descends on half the sum of min(contradiction, gate), an edge at a time: leaving an edge out, or taking it
-// back, changes the cost by its contradiction, exactly so where the problem is linear. A change that does not
-// bring the cost down is undone and ends the search.
+// If some edge is contradicted in the solution with all of them, or the whole does not fit, begins anew
+// without any robust edge and takes in those that what is known does not contradict, all at once and again
+// with what is known then: so wrong edges that agree with each other do not speak for one another before
+// right ones have spoken. From there it descends on half the sum of min(contradiction, gate), an edge at a
+// time: leaving an edge out, or taking it back, changes the cost by its contradiction, exactly so where the
+// problem is linear. A change that does not bring the cost down is undone and ends the search.
 template <class Freedom>
 void Solver<Freedom>::find_wrong_edges() {
-  double cost = cost_of(x_);
-  bool any_out = false;
+  invert();
+  measure_contradictions();
+  const double freedom = static_cast<double>(kRows) * static_cast<double>(graph_.edges.size()) -
+                         static_cast<double>(kSize) * free_;
+  const double cost_of_all = cost_of(x_);
+  const bool fits = 2.0 * cost_of_all <= freedom + kNormalGate * std::sqrt(2.0 * freedom);
+  if (fits && std::all_of(result_.contradiction.begin(), result_.contradiction.end(),
+                          [&](double c) { return c <= gate_; }))
+    return;
+  const std::vector<Pose> x_of_all = x_;
+  const std::vector<double> contradiction_of_all = result_.contradiction;
+  const bool converged_of_all = result_.converged;
   std::vector<Pose> before;
+  for (std::size_t l = 0; l < graph_.edges.size(); ++l)
+    if (graph_.edges[l].robust) weight_[l] = 0.0;
+  for (std::size_t k = 0; k < x_.size(); ++k) x_[k] = graph_.nodes[k].T_world_node;
+  result_.converged = minimise();
+  for (bool taken = true; taken && !asked_to_stop();) {
+    invert();
+    measure_contradictions();
+    taken = false;
+    for (std::size_t l = 0; l < graph_.edges.size(); ++l)
+      if (weight_[l] == 0.0 && result_.contradiction[l] <= gate_) {
+        weight_[l] = 1.0;
+        taken = true;
+      }
+    if (taken) result_.converged = minimise();
+  }
+  double cost = cost_of(x_);
   while (!asked_to_stop()) {
     invert();
     measure_contradictions();
@@ -457,9 +487,15 @@ void Solver<Freedom>::find_wrong_edges() {
     }
     cost = new_cost;
     result_.converged = converged;
-    any_out = true;
   }
-  if (!any_out || asked_to_stop()) return;
+  if (asked_to_stop()) return;
+  if (!(cost < cost_of_all)) {
+    x_ = x_of_all;
+    weight_.assign(weight_.size(), 1.0);
+    result_.contradiction = contradiction_of_all;
+    result_.converged = converged_of_all;
+    return;
+  }
   // What wrong edges bent may not have come back all the way: again from the poses given.
   before = x_;
   for (std::size_t k = 0; k < x_.size(); ++k) x_[k] = graph_.nodes[k].T_world_node;

@@ -139,11 +139,12 @@ struct PoseGraphResult {
 /// (`tilt_sigma`) is added to the covariance of each edge, so that edges which tell another tilt than the
 /// poses have do not bend the map for it; chi2 and contradiction are of that covariance.
 ///
-/// With the truncated loss the cost of a robust edge is half of min(contradiction, gate): after a solution
-/// with all of them the edge is left out that the others contradict most, as long as one is beyond the gate
-/// (data snooping; Baarda, A testing procedure for use in geodetic networks, 1968), and taken back when it is
-/// not any more. The contradictions need the covariances between the ends of each edge, which come from the
-/// sparse inverse (Takahashi, Fagan and Chin 1973).
+/// With the truncated loss the cost of a robust edge is half of min(contradiction, gate). If the solution
+/// with all of them contradicts some edge beyond the gate, it begins anew with those that are believed, takes
+/// in the robust ones that do not contradict what is known then, and on from there leaves out the edge that
+/// the others contradict most, or takes one back, as long as the cost falls (data snooping; Baarda, A testing
+/// procedure for use in geodetic networks, 1968). The contradictions need the covariances between the ends of
+/// each edge, which come from the sparse inverse (Takahashi, Fagan and Chin 1973).
 /// @param stop when it becomes true the solver ends after the iteration under way; may be null
 /// Throws Error(argument), naming node or edge, at numbers that are not finite, indices out of range, edges
 /// from a node to itself, an information that is not symmetric and positive definite, an `up_world` that is
