@@ -256,6 +256,7 @@ void register_data(py::module_& m) {
   register_simulation_world(m);
   register_simulation_drive(m);
   register_g2o(m);
+  register_atlas_files(m);
 }
 
 }  // namespace sweepkit::python

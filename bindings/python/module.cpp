@@ -26,6 +26,7 @@ PYBIND11_MODULE(_core, m) {
   add("direction", python::register_direction,
       "Vanishing points, Manhattan frames, the main direction of a room.");
   add("floor", python::register_floor, "What lies on the floor: mask and cloud by the floor's disparity.");
+  add("map", python::register_map, "Keyframes, points and who saw what; atlases.");
   add("solve", python::register_solve, "Pose graphs; options of the solvers.");
   add("slam", python::register_slam, "Options of tracking and mapping.");
   add("data", python::register_data, "Recordings, trajectories and their evaluation.");

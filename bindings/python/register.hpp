@@ -16,11 +16,16 @@ void register_match(pybind11::module_& m);
 void register_bow(pybind11::module_& m);
 void register_direction(pybind11::module_& m);
 void register_floor(pybind11::module_& m);
+void register_map(pybind11::module_& m);
 void register_solve(pybind11::module_& m);
 void register_slam(pybind11::module_& m);
 void register_data(pybind11::module_& m);
 void register_simulation_world(pybind11::module_& m);
 void register_simulation_drive(pybind11::module_& m);
 void register_system(pybind11::module_& m);
+
+// Of map.cpp: what belongs to other folders, in data and slam.
+void register_atlas_files(pybind11::module_& m);
+void register_map_culling(pybind11::module_& m);
 
 }  // namespace sweepkit::python

@@ -17,6 +17,7 @@ void register_slam(py::module_& m) {
   bind_options<TrackerOptions>(m, "TrackerOptions", "The pose of each frame.");
   bind_options<LocalMapperOptions>(m, "LocalMapperOptions", "The map.");
   bind_options<OdometryBridgeOptions>(m, "OdometryBridgeOptions", "Wheels and IMU beside vision.");
+  register_map_culling(m);
 }
 
 }  // namespace sweepkit::python
