@@ -49,7 +49,7 @@ def plot_pose_graph(graph: PoseGraph, result: typing.Optional[PoseGraphResult] =
     columns = 1 if result is None else 2
     figure = canvas.Figure(figsize=(5.0 * columns, 4.6), layout="constrained")
     panels = figure.subplots(1, columns, squeeze=False)[0]
-    rejected = set() if result is None else {int(edge) for edge in result.rejected}
+    rejected: typing.Set[int] = set() if result is None else {int(edge) for edge in result.rejected}
     _draw_graph(panels[0], graph, _positions_in_plane(graph.poses[:, :3], graph.up_world), rejected)
     if result is not None:
         panels[0].set_title(f"before: cost {result.initial_cost:.4g}")
