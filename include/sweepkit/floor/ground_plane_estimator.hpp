@@ -51,7 +51,7 @@ struct GroundPlaneOptions {
   int step_u = 8;
   int step_v = 4;
   int min_pixels = 60;
-  double min_share = 0.2;
+  double min_share = 0.3;
   double max_angle_error = 0.3;
   double max_height_error = 0.003;
   double consistency = 16.3;
