@@ -145,6 +145,10 @@ void PlaceVerifier::collect_group(const Map& map, KeyframeId candidate, const Pl
          .max_distance = point.max_distance,
          .descriptor = point.descriptor,
          .noise = static_cast<float>(std::sqrt(1 + 1 / static_cast<double>(point.observations.size())))};
+    if (!(point.max_distance > 0)) {  // nobody described it yet
+      const Observation& o = point.observations.front();
+      p.descriptor = map.keyframe(o.keyframe).descriptors[o.index];
+    }
     if (!first) continue;
     // Depth is what a stereo point is uncertain of; further views average it down.
     const Keyframe& keyframe = map.keyframe(first->keyframe);
