@@ -51,6 +51,7 @@ struct FloorScan {
 struct FloorScanOptions {
   double bearing_step = 0.5;
   double max_range = 3.0;
+  double max_disparity = 120.0;
   double max_height = 0.1;
   double disparity_noise = 0.3;
   int min_rows = 3;
@@ -72,6 +73,8 @@ struct FloorScanOptions {
   void visit_options(Visitor& v) {
     v(bearing_step, "bearing_step", "deg", range(0.05, 10), "from a ray over the floor to the next");
     v(max_range, "max_range", "m", range(0.2, 60), "what is farther is left to later images");
+    v(max_disparity, "max_disparity", "px", range(1, 10000),
+      "floor so near that its disparity is larger is not judged: matching does not look there");
     v(max_height, "max_height", "m", range(0.01, 2), "what hangs higher is passed under");
     v(disparity_noise, "disparity_noise", "px", range(0.01, 5),
       "standard deviation of an obstacle's disparity, neighbours' errors being alike");
@@ -218,6 +221,7 @@ void FloorScanner::walk(View2d<const D> disparity, const RectifiedCamera& camera
   double from = 0.0, to = -1.0;  // the floor that is being walked over; to < from: none
   int floor_rows = 0, hole_rows = 0;
   double hole_from = 0.0;
+  int last_row = 0;
   impl::RunningObstacle obstacle;
   const auto end_floor = [&] {
     if (to > from) put(scan.stretches, from, std::min(to, max_range), FloorLabel::floor, floor_rows);
@@ -239,6 +243,7 @@ void FloorScanner::walk(View2d<const D> disparity, const RectifiedCamera& camera
     const double d = static_cast<double>(disparity(u, v)) * kDisparityUnit<D>;
     if (!(d > 0 && d < std::numeric_limits<float>::infinity())) continue;
     const double floor = fb * n / H;
+    if (floor > options_.max_disparity) continue;
     if (n <= 0 && v >= ray.horizon() - kAheadRows) ahead_.push_back(d / (fb * (ray.a0 + v * ray.da)));
     const double excess = d - std::max(floor, 0.0);
     if (excess > tolerance.towards(floor)) {
@@ -263,9 +268,18 @@ void FloorScanner::walk(View2d<const D> disparity, const RectifiedCamera& camera
       from = near;
     }
     to = far;
+    last_row = v;
     ++floor_rows;
   }
   end_obstacle();
+  // Where nothing is known above the last rows of floor they may be the foot of something that cannot be told
+  // from the floor yet.
+  if (to > from && to < max_range) {
+    const double per_row = fb * ray.dn / H;
+    const double floor = fb * (ray.n0 + last_row * ray.dn) / H;
+    const double doubtful = (tolerance.base + tolerance.slope * floor) / per_row;
+    to = floor_range(last_row - 0.5 + doubtful);
+  }
   end_floor();
   // Floor is seen no farther than what stands at the camera's height lets it be seen. The lowest rows of an
   // obstacle's face differ from the floor by less than the tolerance: floor that seems to reach a little
