@@ -98,18 +98,26 @@ class Sweeper::Impl {
     frontend_.set_disparity_bias(atlas.info.disparity_bias);
     mapper_.resume(std::move(atlas.map), atlas.info.disparity_bias, atlas.info.disparity_bias_sigma);
     if (recognizer_) recognizer_->database().follow(mapper_.map());
+    resumed_ = std::move(atlas.info);
   }
 
   void save_atlas(const std::string& path) const {
     const std::scoped_lock lock(map_mutex_);
+    const Map& map = mapper_.map();
     AtlasInfo info;
     info.rig = identity_of(rig_);
     if (recognizer_)
       info.vocabulary = options_.places.vocabulary.empty() ? "default" : options_.places.vocabulary;
     info.disparity_bias = mapper_.disparity_bias();
     info.disparity_bias_sigma = mapper_.disparity_bias_sigma();
-    info.gravity_known.assign(mapper_.map().map_count(), gravity_.has_value());
-    write_atlas(path, info, mapper_.map());
+    info.gravity_known = resumed_.gravity_known;
+    info.gravity_known.resize(static_cast<std::size_t>(first_map_), false);
+    info.gravity_known.resize(map.map_count(), gravity_.has_value());
+    // What others keep with keyframes that are still there.
+    for (const auto& [name, pieces] : resumed_.attachments)
+      for (const KeyframeAttachment& piece : pieces)
+        if (map.find(piece.keyframe)) info.attachments[name].push_back(piece);
+    write_atlas(path, info, map);
   }
 
   template <class Inertial>
@@ -840,6 +848,7 @@ class Sweeper::Impl {
   // Of mapping. Held while the map changes, and by who saves it.
   mutable std::mutex map_mutex_;
   LocalMapper mapper_;
+  AtlasInfo resumed_;
   std::optional<PlaceRecognizer> recognizer_;
   std::optional<Vec3<double>> gravity_;  // in all maps, unit
   TimeNs last_mapped_ = 0, map_begun_at_ = 0;
