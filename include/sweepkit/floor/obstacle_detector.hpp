@@ -64,7 +64,8 @@ struct ObstaclePose {
   /// The rectified left camera in a frame with z up that moves smoothly: odom.
   std::optional<SE3d> T_odom_camera;
   /// Of the motion since the last image, as GroundPlaneStep::Motion has it.
-  Mat6<double> motion_covariance = 1e-4 * Mat6<double>::Identity();
+  Mat6<double> motion_covariance =
+      (Eigen::Matrix<double, 6, 1>() << 1e-4, 1e-4, 1e-4, 3e-6, 3e-6, 3e-6).finished().asDiagonal();
 };
 
 /// Dense stereo, ground plane, mask, obstacles and their confidence over time, on raw pairs of a rig, image
