@@ -81,6 +81,7 @@ void bind_map(py::module_& m) {
   py::class_<Map>(
       m, "Map",
       "Keyframes, points and who saw what. Arrays are copies; ids are plain numbers, never used again.")
+      .def(py::init<>())
       .def(
           "add_map", [](Map& map) { return map.add_map().value; }, "Starts another map; gives its id.")
       .def("add_keyframe", &add_keyframe, py::arg("map"), py::arg("t"), py::arg("T_camera_world"),

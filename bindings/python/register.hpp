@@ -19,6 +19,7 @@ void register_floor(pybind11::module_& m);
 void register_map(pybind11::module_& m);
 void register_solve(pybind11::module_& m);
 void register_slam(pybind11::module_& m);
+void register_slam_place(pybind11::module_& m);
 void register_data(pybind11::module_& m);
 void register_simulation_world(pybind11::module_& m);
 void register_simulation_drive(pybind11::module_& m);

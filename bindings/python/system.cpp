@@ -14,6 +14,7 @@
 #include "arrays.hpp"
 #include "options.hpp"
 #include "register.hpp"
+#include "sweepkit/data/atlas_file.hpp"
 #include "sweepkit/system/run.hpp"
 #include "sweepkit/system/sweeper.hpp"
 
@@ -52,7 +53,7 @@ struct SweeperWithEvents {
   EventQueue events;
   Sweeper sweeper;
 
-  SweeperWithEvents(const StereoRig& rig, const SweeperOptions& options) : sweeper(rig, options, &events) {}
+  SweeperWithEvents(const auto& rig, const SweeperOptions& options) : sweeper(rig, options, &events) {}
 };
 
 // Its threads may be letting go of arrays, for which they need the interpreter, while it waits for them to
@@ -96,16 +97,54 @@ void register_sweeper(py::module_& m) {
       .def_readonly("samples_dropped", &SweeperCounts::samples_dropped)
       .def_readonly("imu_samples", &SweeperCounts::imu_samples)
       .def_readonly("wheel_samples", &SweeperCounts::wheel_samples)
-      .def_readonly("keyframes_made", &SweeperCounts::keyframes_made);
+      .def_readonly("keyframes_made", &SweeperCounts::keyframes_made)
+      .def_readonly("loops_closed", &SweeperCounts::loops_closed)
+      .def_readonly("loops_rejected", &SweeperCounts::loops_rejected,
+                    "Recognized, but contradicted by the rest of the map.")
+      .def_readonly("maps_joined", &SweeperCounts::maps_joined);
 
   bind_options<MainDirectionSearchOptions>(m, "MainDirectionSearchOptions",
                                            "The search for the room's main direction.");
+  bind_options<PlaceOptions>(m, "PlaceOptions", "Places known again.");
   bind_options<SweeperOptions>(m, "SweeperOptions", "What the whole system may be told.");
   py::class_<SweeperWithEvents>(m, "Sweeper",
                                 "The whole system. Feed it from any threads, one for each kind of sample; "
                                 "ask for poses from any other.")
       .def(py::init<const StereoRig&, const SweeperOptions&>(), py::arg("rig"),
            py::arg("options") = SweeperOptions{})
+      .def(py::init<const Rig&, const SweeperOptions&>(), py::arg("rig"),
+           py::arg("options") = SweeperOptions{})
+      .def(
+          "resume",
+          [](SweeperWithEvents& s, const Atlas& atlas) {
+            s.sweeper.resume(decode_atlas(encode_atlas(atlas.info, atlas.map)));
+          },
+          py::arg("atlas"), Released(),
+          "Goes on with the maps of another run, before the first sample: the atlas is copied. Raises Error "
+          "if "
+          "it was made with another rig.")
+      .def(
+          "save_atlas",
+          [](const SweeperWithEvents& s, const std::string& path) { s.sweeper.save_atlas(path); },
+          py::arg("path"), Released(), "Writes all maps for another run, in any state.")
+      .def(
+          "map", [](const SweeperWithEvents& s) -> const Map& { return s.sweeper.map(); },
+          py::return_value_policy::reference_internal, "The maps; in real time only after finish.")
+      .def(
+          "place_counts",
+          [](const SweeperWithEvents& s) {
+            const PlaceCounts& counts = s.sweeper.place_counts();
+            py::dict rejected;
+            for (std::size_t i = 1; i < kPlaceRejections; ++i)
+              rejected[py::str(to_string(static_cast<PlaceRejection>(i)))] = counts.rejected[i];
+            py::dict d;
+            d["queries"] = counts.queries;
+            d["candidates"] = counts.candidates;
+            d["accepted"] = counts.accepted;
+            d["rejected"] = rejected;
+            return d;
+          },
+          "What became of the search for places known again, rejections by reason.")
       .def(
           "feed", [](SweeperWithEvents& s, const ImuSample& sample) { s.sweeper.feed(sample); },
           py::arg("sample"), Released())
