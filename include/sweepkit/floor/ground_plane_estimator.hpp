@@ -130,8 +130,7 @@ enum class GroundPlaneReason {
   no_disparity,   ///< too few valid disparities where a floor could be
   no_floor,       ///< too few of them near the floor
   too_narrow,     ///< the floor that is seen does not fix pitch, roll and height
-  other_surface,  ///< most of what is seen lies on another plane: a carpet, a sill, a lower floor
-  contradiction,  ///< the plane that fits best is farther from the prediction than motion permits
+  contradiction,  ///< what is seen lies farther off than motion permits: a carpet, a sill, a lower floor
   lifted,         ///< motion says that the robot does not stand on the floor
 };
 
@@ -157,8 +156,6 @@ constexpr std::string_view to_string(GroundPlaneReason reason) {
       return "no_floor";
     case GroundPlaneReason::too_narrow:
       return "too_narrow";
-    case GroundPlaneReason::other_surface:
-      return "other_surface";
     case GroundPlaneReason::contradiction:
       return "contradiction";
     case GroundPlaneReason::lifted:
