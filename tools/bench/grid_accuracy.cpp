@@ -44,7 +44,7 @@ double seconds() {
   return std::chrono::duration<double>(std::chrono::steady_clock::now().time_since_epoch()).count();
 }
 
-/// The truth beside the grid: in the truth's cells, missed floor dark grey and false floor light grey.
+/// The truth, what was not visible of the floor in light grey, and beside it the grid in the truth's cells.
 GrayImage picture(const OccupancyImage& grid, const OccupancyImage& truth, const GrayImage& visible) {
   constexpr int kScale = 3, kGap = 4;
   const int width = truth.cells.width(), height = truth.cells.height();

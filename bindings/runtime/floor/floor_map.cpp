@@ -89,14 +89,24 @@ void FloorMap::rebuild() {
 }
 
 OccupancyImage FloorMap::image() const {
+  // Where the robot stood, and the floor that it saw first: what lies between the two is below the image.
+  constexpr double kBlind = 0.3;  // [m]
   std::vector<Vec2<double>> places;
   for (const auto& [id, keyframe] : keyframes_)
     for (const Scan& scan : keyframe.scans) {
       if (!scan.drawn) continue;
       const PlanarPose& pose = *scan.drawn;
-      const Vec2<double>& foot = scan.scan.footprint;
       const double c = std::cos(pose.yaw), s = std::sin(pose.yaw);
-      places.emplace_back(pose.x + c * foot.x() - s * foot.y(), pose.y + s * foot.x() + c * foot.y());
+      const auto put = [&](double x, double y) {
+        places.emplace_back(pose.x + c * x - s * y, pose.y + s * x + c * y);
+      };
+      put(scan.scan.footprint.x(), scan.scan.footprint.y());
+      for (const FloorStretch& stretch : scan.scan.stretches) {
+        const double r = 1e-3 * stretch.from + 0.5 * options_.grid.cell;
+        if (stretch.label != FloorLabel::floor || r > kBlind || r > 1e-3 * stretch.to) continue;
+        const double bearing = scan.scan.bearing(stretch.bearing);
+        put(r * std::cos(bearing), r * std::sin(bearing));
+      }
     }
   OccupancyImage map = grid_.image();
   keep_reachable(map, places);

@@ -63,7 +63,7 @@ class FloorMap {
 
   const OccupancyGrid& grid() const { return grid_; }
   /// The grid's cells as a map, without what lies behind walls by error: see keep_reachable, the places being
-  /// those at which the robot stood when it saw the scans.
+  /// those at which the robot stood when it saw the scans, and the floor that it then saw right before it.
   OccupancyImage image() const;
   /// The keyframes that scans hang on, in order.
   std::vector<KeyframeId> keyframes() const;
