@@ -296,18 +296,6 @@ class Run {
 
 }  // namespace
 
-GroundPlaneSeed FloorMountingOptions::seed(const Rig& rig) const {
-  if (camera_height > 0) {
-    const double p = pitch_down * kDegree, r = roll * kDegree;
-    return GroundPlaneSeed::from_height({std::sin(r) * std::cos(p), std::cos(r) * std::cos(p), std::sin(p)},
-                                        camera_height);
-  }
-  if (!rig.wheels)
-    throw Error(ErrorKind::calibration, "floor.camera_height",
-                "must be given: the recording has no wheels, which tell where the floor is");
-  return GroundPlaneSeed::from_base(rig.wheels->T_body_base.inverse() * rig.stereo().T_body_camera());
-}
-
 ObstacleRunResult detect_obstacles(const ObstacleRunOptions& options, const ObstacleHooks& hooks) {
   check_options(options);
   if (options.data_path.empty()) throw Error(ErrorKind::option, "data_path", "must be given");

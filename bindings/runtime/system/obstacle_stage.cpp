@@ -2,8 +2,10 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "sweepkit/system/obstacle_stage.hpp"
 
+#include <cmath>
 #include <condition_variable>
 #include <mutex>
+#include <numbers>
 #include <thread>
 #include <utility>
 
@@ -11,11 +13,29 @@
 
 namespace sweepkit {
 
+namespace {
+
+constexpr double kDegree = std::numbers::pi / 180;
+
+}  // namespace
+
+GroundPlaneSeed FloorMountingOptions::seed(const Rig& rig) const {
+  if (camera_height > 0) {
+    const double p = pitch_down * kDegree, r = roll * kDegree;
+    return GroundPlaneSeed::from_height({std::sin(r) * std::cos(p), std::cos(r) * std::cos(p), std::sin(p)},
+                                        camera_height);
+  }
+  if (!rig.wheels)
+    throw Error(ErrorKind::calibration, "floor.camera_height",
+                "must be given: the recording has no wheels, which tell where the floor is");
+  return GroundPlaneSeed::from_base(rig.wheels->T_body_base.inverse() * rig.stereo().T_body_camera());
+}
+
 class ObstacleStage::Impl {
  public:
   Impl(const StereoRig& rig, const GroundPlaneSeed& seed, const ObstacleDetectorOptions& options,
-       bool realtime, StageClock* clock)
-      : T_body_camera_(rig.T_body_camera()), detector_(rig, seed, options), clock_(clock) {
+       bool realtime, StageClock* clock, GridStage* grid)
+      : T_body_camera_(rig.T_body_camera()), detector_(rig, seed, options), clock_(clock), grid_(grid) {
     if (realtime) thread_ = std::jthread([this](const std::stop_token& stop) { run(stop); });
   }
 
@@ -23,14 +43,21 @@ class ObstacleStage::Impl {
     if (thread_.joinable()) thread_.request_stop();
   }
 
-  void feed(StereoImage image, const SE3d& T_odom_body) {
+  struct Waiting {
+    StereoImage image;
+    SE3d T_odom_body;
+    KeyframeId reference;
+    SE3d T_camera_reference;
+  };
+
+  void feed(Waiting&& next) {
     if (!thread_.joinable()) {
-      look(image, T_odom_body);
+      look(next);
       return;
     }
     const std::scoped_lock lock(mutex_);
     if (waiting_) ++counts_.skipped;
-    waiting_ = {std::move(image), T_odom_body};
+    waiting_ = std::move(next);
     changed_.notify_one();
   }
 
@@ -60,7 +87,7 @@ class ObstacleStage::Impl {
  private:
   void run(const std::stop_token& stop) {
     for (;;) {
-      std::pair<StereoImage, SE3d> next;
+      Waiting next;
       {
         std::unique_lock lock(mutex_);
         changed_.wait(lock, stop, [this] { return waiting_ || finishing_; });
@@ -68,17 +95,19 @@ class ObstacleStage::Impl {
         next = std::move(*waiting_);
         waiting_.reset();
       }
-      look(next.first, next.second);
+      look(next);
     }
   }
 
-  void look(const StereoImage& image, const SE3d& T_odom_body) {
+  void look(const Waiting& next) {
+    const StereoImage& image = next.image;
     try {
       std::optional<StageClock::Scope> time;
       if (clock_) time.emplace(*clock_, Stage::obstacles);
       ObstaclePose pose;
-      pose.T_odom_camera = T_odom_body * T_body_camera_;
+      pose.T_odom_camera = next.T_odom_body * T_body_camera_;
       const ObstacleFrame& frame = detector_.detect(image.t, image.left.view, image.right.view, pose);
+      add_to_grid(frame, next, *pose.T_odom_camera);
       auto report = std::make_shared<ObstacleReport>();
       report->t = frame.t;
       report->T_odom_floor = *pose.T_odom_camera * floor_frame(frame.plane.plane).inverse();
@@ -93,13 +122,24 @@ class ObstacleStage::Impl {
     }
   }
 
+  // Only where the robot stands on what it sees.
+  void add_to_grid(const ObstacleFrame& frame, const Waiting& next, const SE3d& T_odom_camera) {
+    const GroundPlaneResult& plane = frame.plane;
+    if (!grid_ || plane.state == GroundPlaneState::refused || plane.reason == GroundPlaneReason::lifted)
+      return;
+    std::optional<StageClock::Scope> time;
+    if (clock_) time.emplace(*clock_, Stage::grid);
+    grid_->add(frame.disparity, plane.plane, {next.reference, next.T_camera_reference, T_odom_camera});
+  }
+
   const SE3d T_body_camera_;
   ObstacleDetector detector_;
   StageClock* clock_;
+  GridStage* grid_;
 
   mutable std::mutex mutex_;
   std::condition_variable_any changed_;
-  std::optional<std::pair<StereoImage, SE3d>> waiting_;
+  std::optional<Waiting> waiting_;
   bool finishing_ = false;
   std::shared_ptr<const ObstacleReport> latest_;
   ObstacleStageCounts counts_;
@@ -107,13 +147,15 @@ class ObstacleStage::Impl {
 };
 
 ObstacleStage::ObstacleStage(const StereoRig& rig, const GroundPlaneSeed& seed,
-                             const ObstacleDetectorOptions& options, bool realtime, StageClock* clock)
-    : impl_(std::make_unique<Impl>(rig, seed, options, realtime, clock)) {}
+                             const ObstacleDetectorOptions& options, bool realtime, StageClock* clock,
+                             GridStage* grid)
+    : impl_(std::make_unique<Impl>(rig, seed, options, realtime, clock, grid)) {}
 ObstacleStage::~ObstacleStage() = default;
 
-void ObstacleStage::feed(StereoImage image, const SE3d& T_odom_body) noexcept {
+void ObstacleStage::feed(StereoImage image, const SE3d& T_odom_body, KeyframeId reference,
+                         const SE3d& T_camera_reference) noexcept {
   try {
-    impl_->feed(std::move(image), T_odom_body);
+    impl_->feed({std::move(image), T_odom_body, reference, T_camera_reference});
   } catch (...) {
     impl_->skip();
   }

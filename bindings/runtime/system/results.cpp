@@ -21,8 +21,15 @@ namespace {
 namespace fs = std::filesystem;
 using Json = nlohmann::ordered_json;
 
-constexpr const char* kFinalFiles[] = {
-    "trajectory_optimized.tum", "keyframes.tum", "map.ply", "map.svg", "summary.json", "atlas.swk"};
+constexpr const char* kFinalFiles[] = {"trajectory_optimized.tum",
+                                       "keyframes.tum",
+                                       "map.ply",
+                                       "map.svg",
+                                       "summary.json",
+                                       "atlas.swk",
+                                       "grid.yaml",
+                                       "grid.pgm",
+                                       "grid.png"};
 
 fs::path prepared(fs::path folder) {
   std::error_code error;
@@ -149,6 +156,7 @@ void ResultWriter::finish(const Sweeper& sweeper, const RunRecord& record) {
   write_whole(folder_ / "keyframes.tum", keyframes_tum(sweeper.map(), T_body_camera));
   write_whole(folder_ / "map.ply", map_ply(sweeper.map()));
   write_whole(folder_ / "map.svg", map_svg(sweeper.map(), T_body_camera, path));
+  if (const auto grid = sweeper.grid()) write_grid_results(folder_, *grid, path);
   write_whole(folder_ / "summary.json", summary_json(sweeper, record));
 }
 

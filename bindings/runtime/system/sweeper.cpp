@@ -30,10 +30,6 @@ constexpr double kNewsOfDisparityBias = 0.05;
 constexpr std::size_t kPendingSamples = 5000;
 constexpr TimeNs kNever = std::numeric_limits<TimeNs>::min();
 
-RectifiedCamera rectified_camera(const StereoRig& rig) {
-  return {.focal = rig.focal(), .cx = rig.center().x(), .cy = rig.center().y(), .baseline = rig.baseline()};
-}
-
 bool fits(const SharedGray& image, const Camera& camera) {
   return image.view.width == camera.width() && image.view.height == camera.height();
 }
@@ -202,6 +198,7 @@ class Sweeper::Impl {
     queue_changed_.notify_all();
     if (mapping_thread_.joinable()) mapping_thread_.join();
     if (adjusting_thread_.joinable()) adjusting_thread_.join();
+    if (obstacles_) obstacles_->finish();
     take_local_map();  // the last keyframe's, so that its image follows it
     if (direction_search_ && last_image_ != kNever)
       tell(Event(last_image_, "main_direction").with("found", false));
@@ -258,6 +255,23 @@ class Sweeper::Impl {
   const SweeperOptions& options() const { return options_; }
   const StageClock& stage_clock() const { return clock_; }
   const Map& map() const { return mapper_.map(); }
+  std::shared_ptr<const ObstacleReport> obstacles() const {
+    return obstacles_ ? obstacles_->latest() : nullptr;
+  }
+  std::optional<OccupancyImage> grid() const {
+    if (!grid_) return std::nullopt;
+    const std::scoped_lock lock(map_mutex_);
+    return grid_->image(mapper_.map(), mapper_.current_map());
+  }
+  // Before the first sample. @param mounted with the wheels, which tell where the floor is, if there are any
+  void start_floor(const Rig& mounted) {
+    const FloorStageOptions& floor = options_.floor;
+    if (!floor.enabled) return;
+    const GroundPlaneSeed seed = floor.mounting.seed(mounted);
+    grid_ = std::make_unique<GridStage>(rectified_camera(rig_), seed.wheels_camera, floor.grid);
+    obstacles_ =
+        std::make_unique<ObstacleStage>(rig_, seed, floor.detector, options_.realtime, &clock_, grid_.get());
+  }
   const PlaceCounts& place_counts() const {
     static const PlaceCounts kNone;
     return recognizer_ ? recognizer_->counts() : kNone;
@@ -279,6 +293,12 @@ class Sweeper::Impl {
   };
   static TimeNs stamp_of(const MotionSample& sample) {
     return std::visit([](const auto& s) { return s.t; }, sample);
+  }
+
+  void look_at_floor(const StereoImage& image, const TrackedImage& tracked) {
+    if (image.t < look_at_floor_from_) return;
+    look_at_floor_from_ = image.t + from_seconds(options_.floor.every);
+    obstacles_->feed(image, tracked.T_odom_body, tracked.reference, tracked.T_camera_reference);
   }
 
   // Keeps a sample for the next image, and carries the pose between images on by it. Under state_mutex_.
@@ -399,6 +419,7 @@ class Sweeper::Impl {
       const std::scoped_lock lock(state_mutex_);
       ++counts_.images;
     }
+    if (obstacles_ && !image.left.empty() && !image.right.empty()) look_at_floor(image, tracked);
     if (frames_) frames_->on_frame(image, frame_, tracked);
     if (candidate) hand_over(std::move(*candidate));
   }
@@ -839,6 +860,9 @@ class Sweeper::Impl {
     std::optional<TimeNs> begun;
   };
   std::optional<DirectionSearch> direction_search_;  // until it is found, or given up
+  std::unique_ptr<GridStage> grid_;
+  std::unique_ptr<ObstacleStage> obstacles_;
+  TimeNs look_at_floor_from_ = 0;
   bool dark_ = false;
   bool moved_before_ = false;  // there was a keyframe from which odometry counts
 
@@ -891,10 +915,12 @@ class Sweeper::Impl {
 Sweeper::Sweeper(const StereoRig& rig, const SweeperOptions& options, EventSink* events, FrameSink* frames) {
   check_options(options);
   impl_ = std::make_unique<Impl>(rig, MotionSensors{}, options, events, frames);
+  impl_->start_floor({});
 }
 Sweeper::Sweeper(const Rig& rig, const SweeperOptions& options, EventSink* events, FrameSink* frames) {
   check_options(options);
   impl_ = std::make_unique<Impl>(rig.stereo(), rig.motion(), options, events, frames);
+  impl_->start_floor(rig);
 }
 Sweeper::~Sweeper() = default;
 void Sweeper::resume(Atlas&& atlas, const std::string& place) { impl_->resume(std::move(atlas), place); }
@@ -912,6 +938,8 @@ SE3d Sweeper::optimized_pose(const TrackedImage& image) const { return impl_->op
 const StageClock& Sweeper::stage_clock() const { return impl_->stage_clock(); }
 const Map& Sweeper::map() const { return impl_->map(); }
 std::optional<NavigationState> Sweeper::navigation() const { return impl_->navigation(); }
+std::shared_ptr<const ObstacleReport> Sweeper::obstacles() const { return impl_->obstacles(); }
+std::optional<OccupancyImage> Sweeper::grid() const { return impl_->grid(); }
 const PlaceCounts& Sweeper::place_counts() const { return impl_->place_counts(); }
 std::optional<MainDirection> Sweeper::main_direction() const { return impl_->main_direction(); }
 

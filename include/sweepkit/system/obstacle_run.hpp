@@ -11,27 +11,9 @@
 #include "sweepkit/data/recording.hpp"
 #include "sweepkit/floor/obstacle_detector.hpp"
 #include "sweepkit/slam/odometry_bridge.hpp"
+#include "sweepkit/system/obstacle_stage.hpp"
 
 namespace sweepkit {
-
-/// The floor where a rig without wheels does not tell it.
-struct FloorMountingOptions {
-  double camera_height = 0.0;
-  double pitch_down = 0.0;
-  double roll = 0.0;
-
-  template <class Visitor>
-  void visit_options(Visitor& v) {
-    v(camera_height, "camera_height", "m", range(0.0, 10.0),
-      "of the left camera above the floor; 0: as the wheels are mounted");
-    v(pitch_down, "pitch_down", "deg", range(-80.0, 90.0),
-      "by which the left camera looks down; with camera_height");
-    v(roll, "roll", "deg", range(-180.0, 180.0), "positive: its right side down; with camera_height");
-  }
-
-  /// The floor's plane as calibration has it. @throws Error(calibration) if neither tells it
-  GroundPlaneSeed seed(const Rig& rig) const;
-};
 
 /// Obstacles in a recording.
 struct ObstacleRunOptions {

@@ -24,6 +24,8 @@
 #include "sweepkit/slam/odometry_bridge.hpp"
 #include "sweepkit/slam/place_recognition.hpp"
 #include "sweepkit/slam/tracker.hpp"
+#include "sweepkit/system/grid_stage.hpp"
+#include "sweepkit/system/obstacle_stage.hpp"
 
 namespace sweepkit {
 
@@ -80,6 +82,24 @@ struct PlaceOptions {
   }
 };
 
+/// What lies on the floor, and where there is none to drive on.
+struct FloorStageOptions {
+  bool enabled = false;
+  double every = 0.2;
+  FloorMountingOptions mounting;
+  ObstacleDetectorOptions detector;
+  GridStageOptions grid;
+
+  template <class Visitor>
+  void visit_options(Visitor& v) {
+    v(enabled, "enabled", "", any_value(), "look for obstacles and map the floor, beside the frame path");
+    v(every, "every", "s", range(0, 1e6), "an image so often");
+    v.group(mounting, "mounting", "where the floor is, for a rig without wheels");
+    v.group(detector, "detector", "obstacles");
+    v.group(grid, "grid", "the floor's map");
+  }
+};
+
 /// What the whole system may be told.
 struct SweeperOptions {
   bool realtime = false;
@@ -94,6 +114,7 @@ struct SweeperOptions {
   OdometryBridgeOptions odometry;
   MainDirectionSearchOptions main_direction;
   PlaceOptions places;
+  FloorStageOptions floor;
 
   template <class Visitor>
   void visit_options(Visitor& v) {
@@ -115,6 +136,7 @@ struct SweeperOptions {
     v.group(odometry, "odometry", "wheels and IMU");
     v.group(main_direction, "main_direction", "the room's main direction, at the start");
     v.group(places, "places", "places known again");
+    v.group(floor, "floor", "obstacles and the floor's map");
   }
 };
 
@@ -167,8 +189,9 @@ class Sweeper {
   /// be
   ///   null
   /// @param frames shown every frame; must outlive this; may be null
-  /// Throws Error(option) if an option is out of range.
-  /// With cameras alone: samples of IMU and wheels are checked and counted, but nobody knows where they sit.
+  /// Throws Error(option) if an option is out of range, Error(calibration) if the floor is asked for and
+  /// nothing tells where it is. With cameras alone: samples of IMU and wheels are checked and counted, but
+  /// nobody knows where they sit.
   explicit Sweeper(const StereoRig& rig, const SweeperOptions& options = {}, EventSink* events = nullptr,
                    FrameSink* frames = nullptr);
   /// With all sensors that there are. Throws Error(calibration) without two cameras.
@@ -217,6 +240,12 @@ class Sweeper {
   std::optional<NavigationState> navigation() const;
   /// What became of the search for places known again; in real time only after finish.
   const PlaceCounts& place_counts() const;
+  /// What lies on the floor, as of the newest image looked at; null before, and without floor.enabled.
+  /// Thread-safe.
+  std::shared_ptr<const ObstacleReport> obstacles() const;
+  /// The floor as all images so far show it, in the map's frame as it is now; nothing without floor.enabled.
+  /// Thread-safe; mapping waits meanwhile.
+  std::optional<OccupancyImage> grid() const;
   /// The room's main direction, once it is found. Thread-safe.
   std::optional<MainDirection> main_direction() const;
 
