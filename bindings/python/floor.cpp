@@ -12,6 +12,9 @@
 
 namespace sweepkit::python {
 
+// Of floor_grid.cpp.
+void bind_floor_grid(py::module_& m);
+
 namespace {
 
 /// Calls f with a View2d of the array's own type; copies only where pixels of a row are not side by side.
@@ -166,6 +169,8 @@ void register_floor(py::module_& m) {
           },
           "v * width + u of each point, int32 (n,), where they lie.")
       .def("__len__", &PointList::size);
+
+  bind_floor_grid(m);
 }
 
 }  // namespace sweepkit::python

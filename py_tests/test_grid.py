@@ -1,0 +1,96 @@
+# SPDX-FileCopyrightText: The sweepkit authors
+# SPDX-License-Identifier: Apache-2.0
+import numpy as np
+import pytest
+
+import sweepkit as sk
+
+CAMERA = sk.geometry.RectifiedCamera(320.0, 319.5, 199.5, 0.06)
+PLANE = sk.floor.GroundPlane([0.0, 1.0, 0.0], 0.08)
+
+
+def disparities(wall=1.0):
+    """A level camera before a wall across."""
+    v = (np.arange(400)[:, None] - 199.5) / 320 + np.zeros((1, 640))
+    floor = np.where(v > 0, 0.06 * 320 * v / 0.08, 0.0)
+    return np.maximum(floor, 0.06 * 320 / wall).astype(np.float32)
+
+
+def make_scan(wall=1.0, dtype=np.float32):
+    d = disparities(wall)
+    return sk.floor.FloorScanner().scan(d if dtype == np.float32 else np.round(16 * d).astype(np.int16), CAMERA, PLANE,
+                                        [0, 0.08, -0.1])
+
+
+@pytest.mark.parametrize("dtype", [np.float32, np.int16])
+def test_scan_is_free_up_to_the_wall(dtype):
+    scan = make_scan(dtype=dtype)
+    rows = scan.stretches
+    assert rows.dtype == sk.floor.floor_stretch_dtype
+    hits = rows[rows["label"] == int(sk.floor.FloorLabel.obstacle)]
+    bearing = scan.first_bearing + hits["bearing"] * scan.bearing_step
+    np.testing.assert_allclose(hits["from"] * np.cos(bearing), 1000, rtol=0.03)
+    assert scan.bytes < 8000
+    with pytest.raises(ValueError):
+        rows["from"][0] = 3
+    with pytest.raises((ValueError, TypeError)):
+        sk.floor.FloorScanner().scan(np.zeros(5, np.float32), CAMERA, PLANE, [0, 0, 0])
+
+
+def test_grid_draws_and_takes_back():
+    scan, pose = make_scan(), sk.floor.PlanarPose(0.5, 0.2, 0.3)
+    grid = sk.floor.OccupancyGrid()
+    for _ in range(4):
+        grid.add(scan, pose)
+    cells = grid.cells
+    assert cells.dtype == np.int32 and (cells < 0).any() and (cells > 0).any()
+    assert cells.base is not None and not cells.flags.writeable
+    ahead = np.array([0.5, 0.2]) + 0.5 * np.array([np.cos(0.3), np.sin(0.3)])
+    assert grid.log_odds(ahead) < 0
+    image = grid.image()
+    assert image.at(ahead) == 254
+    assert set(np.unique(image.cells)) <= {0, 205, 254}
+    for _ in range(4):
+        grid.remove(scan, pose)
+    assert not grid.cells.any()
+
+
+def test_map_follows_keyframes():
+    floor = sk.floor.FloorMap()
+    scan = make_scan()
+    T_keyframe_scan = sk.floor.camera_from_scan(PLANE)
+    floor.add(3, T_keyframe_scan, scan)
+    assert floor.update() == 0
+    # A camera that looks along the map's x axis.
+    R = np.array([[0.0, 0, 1], [-1, 0, 0], [0, -1, 0]])
+    T = np.eye(4)
+    T[:3, :3], T[:3, 3] = R, [0, 0, 0.08]
+    floor.set_pose(3, sk.geometry.SE3d(T))
+    assert floor.update() == 1
+    assert floor.grid.log_odds([0.5, 0.0]) < 0
+    T[0, 3] = 5.0
+    floor.set_pose(3, sk.geometry.SE3d(T))
+    assert floor.update() == 1
+    assert floor.grid.log_odds([0.5, 0.0]) == 0
+    assert floor.grid.log_odds([5.5, 0.0]) < 0
+    floor.set_pose(3, None)
+    floor.update()
+    assert floor.drawn == 0 and floor.scans == 1 and floor.bytes > 0
+
+
+def test_files_and_drivable_area(tmp_path):
+    cells = np.full((40, 60), 254, np.uint8)
+    cells[[0, -1]] = 0
+    cells[:, [0, -1]] = 0
+    room = sk.floor.OccupancyImage(cells, 0.05, [-1.0, 2.0])
+    sk.floor.write_grid(room, tmp_path)
+    back = sk.floor.read_grid(tmp_path / "grid.yaml")
+    np.testing.assert_array_equal(back.cells, cells)
+    assert back.cell == 0.05 and list(back.origin) == [-1.0, 2.0]
+    area = sk.floor.drivable_area(back, [0.0, 3.0], 0.2)
+    assert area.found and area.centres_m2 == pytest.approx(50 * 30 * 0.0025)
+    assert area.covered_m2 > area.centres_m2
+    assert area.covered.shape == cells.shape
+    (tmp_path / "grid.pgm").write_bytes(b"P5\n9999 9999\n255\n")
+    with pytest.raises(sk.Error, match="too short"):
+        sk.floor.read_grid(tmp_path / "grid.yaml")
