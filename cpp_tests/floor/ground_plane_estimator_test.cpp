@@ -87,7 +87,7 @@ TEST_CASE("a plane without noise is found wherever the seed permits it") {
       GroundPlaneResult result;
       for (int i = 0; i < 20; ++i) result = estimator.estimate(image.view());
       CHECK(result.measured());
-      CHECK(result.inliers > 2500);
+      CHECK(result.inliers > 2000);
       // A little of the difference is put down to a floor in view that is not the one under the wheels.
       check_plane(result, truth, 0.05, 0.5);
     }

@@ -19,10 +19,9 @@ using StateVector = Eigen::Matrix<double, kStates, 1>;
 using StateMatrix = Eigen::Matrix<double, kStates, kStates>;
 
 constexpr double kDegree = std::numbers::pi / 180.0;
-constexpr double kMinDisparity = 2.0;  // a floor farther than that is left out [px]
-constexpr double kGate = 4.0;          // standard deviations within which a pixel may be floor
-constexpr double kSurface = 0.012;     // other surfaces are looked for so far above and below the floor [m]
-constexpr double kMaxSupport = 60.0;   // of which a floor that was learned can boast [s]
+constexpr double kGate = 4.0;         // standard deviations within which a pixel may be floor
+constexpr double kSurface = 0.012;    // other surfaces are looked for so far above and below the floor [m]
+constexpr double kMaxSupport = 60.0;  // of which a floor that was learned can boast [s]
 constexpr double kMountingDrift = 0.002 * kDegree;  // of pitch and roll [rad / sqrt(s)]
 constexpr double kDriftTime = 10.0;                 // in which a tilt told by motion is forgotten [s]
 constexpr double kWheelbase = 0.1;                  // from the drive wheels to the castor, about [m]
@@ -250,7 +249,7 @@ int GroundPlaneEstimator::State::collect(View2d<const T> disparity) {
       const double x = (u - camera.cx) * inverse;
       const Vec3<double> ray(x, y, 1.0);
       const double floor = s.dot(ray);
-      if (floor < kMinDisparity) continue;
+      if (floor < options.min_disparity) continue;
       const float d = disparity_of(row[u]);
       if (!(d > 0.0f)) continue;
       ++valid;

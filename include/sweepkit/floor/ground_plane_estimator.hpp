@@ -48,6 +48,7 @@ struct GroundPlaneOptions {
   double floor_slope = 0.5;
   double disparity_noise = 0.4;
   double disparity_bias = 0.15;
+  double min_disparity = 24.0;
   int step_u = 8;
   int step_v = 4;
   int min_pixels = 60;
@@ -81,6 +82,8 @@ struct GroundPlaneOptions {
       "standard deviation of disparities on a textured floor");
     v(disparity_bias, "disparity_bias", "px", range(0, 10),
       "standard deviation of an error that all disparities have in common");
+    v(min_disparity, "min_disparity", "px", range(0.5, 1000),
+      "floor with less is left out: seen so flat, its disparities are drawn to those of what stands on it");
     v(step_u, "step_u", "px", range(1, 64), "columns from one pixel that is looked at to the next");
     v(step_v, "step_v", "px", range(1, 64), "rows from one pixel that is looked at to the next");
     v(min_pixels, "min_pixels", "", range(3, 1000000),
