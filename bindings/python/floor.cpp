@@ -12,6 +12,8 @@
 
 namespace sweepkit::python {
 
+// Of floor_plane.cpp.
+void bind_floor_plane(py::module_& m);
 // Of floor_grid.cpp.
 void bind_floor_grid(py::module_& m);
 
@@ -170,6 +172,7 @@ void register_floor(py::module_& m) {
           "v * width + u of each point, int32 (n,), where they lie.")
       .def("__len__", &PointList::size);
 
+  bind_floor_plane(m);
   bind_floor_grid(m);
 }
 
