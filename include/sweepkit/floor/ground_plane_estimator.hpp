@@ -48,7 +48,7 @@ struct GroundPlaneOptions {
   double floor_slope = 0.5;
   double disparity_noise = 0.4;
   double disparity_bias = 0.15;
-  double min_disparity = 24.0;
+  double min_disparity = 40.0;
   int step_u = 8;
   int step_v = 4;
   int min_pixels = 60;
