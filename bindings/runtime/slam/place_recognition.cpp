@@ -76,7 +76,8 @@ bool PlaceRecognizer::same_place(const SE3d& T_a_world, const SE3d& T_b_world, d
 }
 
 std::optional<PlaceMatch> PlaceRecognizer::best_candidate(const Map& map, const PlaceImage& image,
-                                                          PlaceHints hints, MapId own_map) {
+                                                          PlaceHints hints, MapId own_map,
+                                                          std::span<const MapId> one_frame) {
   ++counts_.queries;
   last_ = PlaceRejection::none;
   const std::optional<PlacePrior> prior = hints.prior;
@@ -89,7 +90,9 @@ std::optional<PlaceMatch> PlaceRecognizer::best_candidate(const Map& map, const 
                  map.shared_points(match.candidate, group.best) >= kSameGroup;
         }))
       continue;
-    hints.prior = group.map == own_map ? prior : std::nullopt;
+    const bool expected =
+        group.map == own_map || std::find(one_frame.begin(), one_frame.end(), group.map) != one_frame.end();
+    hints.prior = expected ? prior : std::nullopt;
     PlaceCheck check = verifier_.verify(image, map, database_, group.best, hints);
     if (check.ok())
       verified.push_back(std::move(check.match));
@@ -153,7 +156,8 @@ bool PlaceRecognizer::convinced(const std::vector<SE3d>& confirming, int denials
   return true;
 }
 
-std::optional<PlaceMatch> PlaceRecognizer::feed(const Map& map, KeyframeId id, const Vec3<double>* gravity) {
+std::optional<PlaceMatch> PlaceRecognizer::feed(const Map& map, KeyframeId id, const Vec3<double>* gravity,
+                                                std::span<const MapId> one_frame) {
   const Keyframe& keyframe = map.keyframe(id);
   if (keyframe.blind()) return std::nullopt;
   const PlaceImage image = database_.image(keyframe);
@@ -164,7 +168,7 @@ std::optional<PlaceMatch> PlaceRecognizer::feed(const Map& map, KeyframeId id, c
     hints.gravity_camera = keyframe.T_camera_world.rotation() * *gravity;
   }
   hints.prior = PlacePrior{keyframe.T_camera_world, keyframe.covariance};
-  auto match = best_candidate(map, image, hints, keyframe.map);
+  auto match = best_candidate(map, image, hints, keyframe.map, one_frame);
   if (!match) return std::nullopt;
 
   // What this match says of all keyframes around, those must not contradict.

@@ -634,7 +634,14 @@ class Sweeper::Impl {
   void map_keyframe(KeyframeCandidate&& candidate) {
     const std::scoped_lock changing(map_mutex_);
     std::shared_ptr<const LocalMap> local_map;
-    if (candidate.begins_map || !mapper_.current_map().valid()) map_begun_at_ = candidate.frame.t;
+    if (candidate.begins_map || !mapper_.current_map().valid()) {
+      map_begun_at_ = candidate.frame.t;
+      // Odometry carries the frame of the map over into the new one.
+      if (!candidate.odometry)
+        one_frame_.clear();
+      else if (mapper_.current_map().valid())
+        one_frame_.push_back(mapper_.current_map());
+    }
     {
       const auto scope = clock_.time(Stage::local_ba);
       local_map = mapper_.process(std::move(candidate), &hurry_);
@@ -656,7 +663,7 @@ class Sweeper::Impl {
     {
       const auto scope = clock_.time(Stage::place);
       recognizer_->database().follow(mapper_.map());
-      match = recognizer_->feed(mapper_.map(), newest, gravity_ ? &*gravity_ : nullptr);
+      match = recognizer_->feed(mapper_.map(), newest, gravity_ ? &*gravity_ : nullptr, one_frame_);
     }
     if (!match) return;
     const auto scope = clock_.time(Stage::loop);
@@ -875,6 +882,7 @@ class Sweeper::Impl {
   AtlasInfo resumed_;
   std::optional<PlaceRecognizer> recognizer_;
   std::optional<Vec3<double>> gravity_;  // in all maps, unit
+  std::vector<MapId> one_frame_;         // maps left behind whose frames go on in the current one's
   TimeNs last_mapped_ = 0, map_begun_at_ = 0;
   std::atomic<bool> hurry_ = false;           // another keyframe waits: mapping leaves early
   std::atomic<bool> stop_adjusting_ = false;  // what the whole map is adjusted from has changed

@@ -5,6 +5,7 @@
 #include <deque>
 #include <memory>
 #include <optional>
+#include <span>
 #include <vector>
 
 #include "sweepkit/core/options.hpp"
@@ -80,7 +81,11 @@ class PlaceRecognizer {
   /// own map is checked against the map's poses, whose covariance is that of both keyframes.
   /// @param gravity which way gravity pulls in the keyframe's map and in all others (world axes), unit; null
   ///   if not known
-  std::optional<PlaceMatch> feed(const Map& map, KeyframeId keyframe, const Vec3<double>* gravity = nullptr);
+  /// @param one_frame other maps that stand in the frame of the keyframe's own as far as odometry tells,
+  /// within
+  ///   its covariance (the robot was lifted, but measured how): places in them are checked in the same way
+  std::optional<PlaceMatch> feed(const Map& map, KeyframeId keyframe, const Vec3<double>* gravity = nullptr,
+                                 std::span<const MapId> one_frame = {});
 
   /// A frame that belongs to no map. Frames come in the order of time; each that moved on confirms or
   /// contradicts what those before said.
@@ -105,7 +110,7 @@ class PlaceRecognizer {
   enum class Witness { confirms, denies, silent };
 
   std::optional<PlaceMatch> best_candidate(const Map& map, const PlaceImage& image, PlaceHints hints,
-                                           MapId own_map);
+                                           MapId own_map, std::span<const MapId> one_frame = {});
   bool same_place(const SE3d& T_a_world, const SE3d& T_b_world, double travelled) const;
   Witness ask(const Map& map, const PlaceImage& image, const SE3d& T_camera_world, MapId target,
               double travelled, const PlaceHints& hints);
