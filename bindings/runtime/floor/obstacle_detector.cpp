@@ -69,8 +69,10 @@ const ObstacleFrame& ObstacleDetector::detect(TimeNs t, GrayView left, GrayView 
   ObstacleFrame& frame = s.frame;
   frame.t = t;
   // The floor is matched far better when its disparities are expected.
-  frame.disparity =
-      s.stereo.match(left, right, s.plane.mounting().disparity(s.stereo.camera()).ramp(s.stereo.camera().cx));
+  frame.disparity = s.stereo.match(
+      left, right,
+      s.options.floor_ramp ? s.plane.mounting().disparity(s.stereo.camera()).ramp(s.stereo.camera().cx)
+                           : DisparityRamp{});
   frame.left = s.stereo.rectifier().image(Side::left);
   frame.times.disparity = lap();
 

@@ -31,26 +31,43 @@ float quantile(std::vector<float>& values, double share) {
 
 /// How much the images differ around a pixel at a disparity: the mean square difference over a window, the
 /// windows' means taken away; negative where the window leaves the right image.
-float difference(GrayView left, GrayView right, int u, int v, float disparity) {
+/// @param half the right window is moved down by so many half pixels: -1, 0 or 1
+float difference(GrayView left, GrayView right, int u, int v, float disparity, int half = 0) {
   constexpr int kReach = 2, kCount = (2 * kReach + 1) * (2 * kReach + 1);
   const float x = static_cast<float>(u) - disparity;
   const float whole = std::floor(x), part = x - whole;
   const int x0 = static_cast<int>(whole);
-  if (u < kReach || v < kReach || u + kReach >= left.width || v + kReach >= left.height || x0 < kReach ||
+  if (u < kReach || v <= kReach || u + kReach >= left.width || v + kReach + 1 >= left.height || x0 < kReach ||
       x0 + kReach + 1 >= right.width)
     return -1;
   float sum = 0, square = 0;
   for (int dy = -kReach; dy <= kReach; ++dy) {
     const std::uint8_t* l = left.row(v + dy) + u;
     const std::uint8_t* r = right.row(v + dy) + x0;
+    const std::uint8_t* s = right.row(v + dy + half) + x0;
     for (int dx = -kReach; dx <= kReach; ++dx) {
-      const float d = static_cast<float>(l[dx]) -
-                      (static_cast<float>(r[dx]) * (1 - part) + static_cast<float>(r[dx + 1]) * part);
+      const float here = 0.5f * static_cast<float>(r[dx] + s[dx]);
+      const float next = 0.5f * static_cast<float>(r[dx + 1] + s[dx + 1]);
+      const float d = static_cast<float>(l[dx]) - (here * (1 - part) + next * part);
       sum += d;
       square += d * d;
     }
   }
   return (square - sum * sum / kCount) / kCount;
+}
+
+/// What half a row's misalignment of the images may add to their difference around a pixel: mean square of
+/// the left image's slope along the column, halved.
+float level_edges(GrayView left, int u, int v) {
+  constexpr int kReach = 2, kCount = (2 * kReach + 1) * (2 * kReach + 1);
+  if (u < kReach || v <= kReach || u + kReach >= left.width || v + kReach + 1 >= left.height) return 0;
+  float square = 0;
+  for (int dy = -kReach; dy <= kReach; ++dy)
+    for (int dx = -kReach; dx <= kReach; ++dx) {
+      const float slope = 0.25f * static_cast<float>(left(u + dx, v + dy + 1) - left(u + dx, v + dy - 1));
+      square += slope * slope;
+    }
+  return square / kCount;
 }
 
 double half_turn(double angle) {
@@ -177,29 +194,34 @@ void ObstacleFinder::take_things(ObstacleKind kind) {
 
 bool ObstacleFinder::contradicts_floor(const std::vector<Pixel>& pixels, ObstacleKind kind) const {
   if (left_.empty()) return true;
-  constexpr std::size_t kMost = 400;  // pixels that are tested
+  constexpr std::size_t kMost = 200;  // pixels that are tested
   constexpr int kLevels = 4;          // surfaces without interest
+  // Along an edge that runs nearly level, half a pixel between the rows of both images is worth any
+  // disparity.
+  constexpr int kShifts = 3;
   const double highest = kind == ObstacleKind::hole ? -options_.hole_depth : options_.min_height;
   const std::size_t stride = (pixels.size() + kMost - 1) / kMost;
+  // Noise of both images.
+  const double noise = 2 * options_.image_noise * options_.image_noise;
   double measured = 0;
-  std::array<double, kLevels> flat{};
+  std::array<double, kLevels * kShifts> flat{};
   for (std::size_t i = 0; i < pixels.size(); i += stride) {
     const Pixel& p = pixels[i];
     const float own = difference(left_, right_, p.u, p.v, p.disparity);
     if (own < 0) continue;
-    std::array<float, kLevels> other;
+    std::array<float, kLevels * kShifts> other;
     bool complete = true;
-    for (int k = 0; k < kLevels; ++k) {
-      const double height = highest * k / kLevels;
+    for (int k = 0; k < kLevels * kShifts; ++k) {
+      const double height = highest * (k / kShifts) / kLevels;
       const double d = floor_(p.u, p.v) * plane_.height / (plane_.height - height);
-      other[static_cast<std::size_t>(k)] = difference(left_, right_, p.u, p.v, static_cast<float>(d));
-      complete = complete && other[static_cast<std::size_t>(k)] >= 0;
+      const float value = difference(left_, right_, p.u, p.v, static_cast<float>(d), k % kShifts - 1);
+      complete = complete && value >= 0;
+      other[static_cast<std::size_t>(k)] = value;
     }
     if (!complete) continue;
-    // Noise of both images.
-    const double noise = 2 * options_.image_noise * options_.image_noise;
-    measured += own + noise;
-    for (std::size_t k = 0; k < kLevels; ++k) flat[k] += other[k] + noise;
+    const double doubt = noise + level_edges(left_, p.u, p.v);
+    measured += own + doubt;
+    for (std::size_t k = 0; k < flat.size(); ++k) flat[k] += other[k] + doubt;
   }
   return measured <= options_.likeness * *std::min_element(flat.begin(), flat.end());
 }

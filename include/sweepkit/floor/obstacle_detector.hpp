@@ -20,6 +20,7 @@ namespace sweepkit {
 
 /// From a raw stereo pair to obstacles.
 struct ObstacleDetectorOptions {
+  bool floor_ramp = true;
   DisparityOptions disparity;
   GroundPlaneOptions plane;
   FloorNoise noise;
@@ -28,6 +29,8 @@ struct ObstacleDetectorOptions {
 
   template <class Visitor>
   void visit_options(Visitor& v) {
+    v(floor_ramp, "floor_ramp", "", any_value(),
+      "match relative to the floor's disparity: fewer errors on the floor, more on what stands upright");
     v.group(disparity, "disparity", "dense stereo");
     v.group(plane, "plane", "the ground plane");
     v.group(noise, "noise", "how far the floor's disparities may lie off its plane");
