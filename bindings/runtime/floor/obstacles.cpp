@@ -56,20 +56,6 @@ float difference(GrayView left, GrayView right, int u, int v, float disparity, i
   return (square - sum * sum / kCount) / kCount;
 }
 
-/// What half a row's misalignment of the images may add to their difference around a pixel: mean square of
-/// the left image's slope along the column, halved.
-float level_edges(GrayView left, int u, int v) {
-  constexpr int kReach = 2, kCount = (2 * kReach + 1) * (2 * kReach + 1);
-  if (u < kReach || v <= kReach || u + kReach >= left.width || v + kReach + 1 >= left.height) return 0;
-  float square = 0;
-  for (int dy = -kReach; dy <= kReach; ++dy)
-    for (int dx = -kReach; dx <= kReach; ++dx) {
-      const float slope = 0.25f * static_cast<float>(left(u + dx, v + dy + 1) - left(u + dx, v + dy - 1));
-      square += slope * slope;
-    }
-  return square / kCount;
-}
-
 double half_turn(double angle) {
   while (angle > kPi / 2) angle -= kPi;
   while (angle <= -kPi / 2) angle += kPi;
@@ -219,9 +205,8 @@ bool ObstacleFinder::contradicts_floor(const std::vector<Pixel>& pixels, Obstacl
       other[static_cast<std::size_t>(k)] = value;
     }
     if (!complete) continue;
-    const double doubt = noise + level_edges(left_, p.u, p.v);
-    measured += own + doubt;
-    for (std::size_t k = 0; k < flat.size(); ++k) flat[k] += other[k] + doubt;
+    measured += own + noise;
+    for (std::size_t k = 0; k < flat.size(); ++k) flat[k] += other[k] + noise;
   }
   return measured <= options_.likeness * *std::min_element(flat.begin(), flat.end());
 }

@@ -20,8 +20,8 @@ namespace sweepkit {
 
 /// From a raw stereo pair to obstacles.
 struct ObstacleDetectorOptions {
-  bool floor_ramp = true;
-  DisparityOptions disparity;
+  bool floor_ramp = false;
+  DisparityOptions disparity{.method = DisparityMethod::sgbm_3way, .smooth = {}};
   GroundPlaneOptions plane;
   FloorNoise noise;
   ObstacleOptions obstacles;
