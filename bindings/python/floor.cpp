@@ -16,6 +16,8 @@ namespace sweepkit::python {
 void bind_floor_plane(py::module_& m);
 // Of floor_grid.cpp.
 void bind_floor_grid(py::module_& m);
+// Of floor_obstacles.cpp.
+void bind_floor_obstacles(py::module_& m);
 
 namespace {
 
@@ -174,6 +176,7 @@ void register_floor(py::module_& m) {
 
   bind_floor_plane(m);
   bind_floor_grid(m);
+  bind_floor_obstacles(m);
 }
 
 }  // namespace sweepkit::python
