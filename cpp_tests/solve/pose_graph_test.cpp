@@ -398,7 +398,7 @@ TEST_CASE("parts without a fixed node hold their first, and fixed nodes stay to 
   const auto result = solve_pose_graph(graph);
   REQUIRE(result.usable);
   CHECK(result.components == 3);
-  CHECK(result.held == std::vector<int>{offset, lone});
+  CHECK((result.held == std::vector<int>{offset, lone}));
   for (const int k : {0, 17, offset, lone})
     CHECK(result.T_world_node[static_cast<std::size_t>(k)].matrix() ==
           graph.nodes[static_cast<std::size_t>(k)].T_world_node.matrix());

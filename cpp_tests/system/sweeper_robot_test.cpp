@@ -158,7 +158,7 @@ TEST_CASE("sweeper_robot runs a recording, twice the same", "[program]") {
   for (const auto& entry : fs::directory_iterator(folder / "out"))
     names.push_back(entry.path().filename().string());
   std::sort(names.begin(), names.end());
-  CHECK(names == std::vector<std::string>{"events.jsonl", "keyframes.tum", "map.ply", "map.svg",
+  CHECK(names == std::vector<std::string>{"atlas.swk", "events.jsonl", "keyframes.tum", "map.ply", "map.svg",
                                           "summary.json", "trajectory_live.tum", "trajectory_odom.tum",
                                           "trajectory_optimized.tum"});
   std::vector<std::string> contents;
