@@ -62,3 +62,23 @@ def test_sweeper_fed_live(recordings):
     assert robot.counts().samples_dropped == 1
     assert "started" in [event["event"] for event in robot.take_events()] and robot.take_events() == []
     assert len(robot.images(5)) == 5
+
+
+def test_sweeper_tells_what_lies_on_the_floor(recordings):
+    recording = open_recording(recordings / "sweephome/dev01")
+    assert recording.rig.has_stereo and recording.rig.has_imu and recording.rig.has_wheels
+    options = SweeperOptions(realtime=False)
+    assert Sweeper(recording.rig, options).grid() is None
+    options.floor.enabled = True
+    robot = Sweeper(recording.rig, options)
+    images = 0
+    for sample in recording:
+        robot.feed(sample)
+        images += isinstance(sample, StereoImage)
+        if images == 40:
+            break
+    robot.finish()
+    report, grid = robot.obstacles(), robot.grid()
+    assert report.t > 0 and report.T_odom_floor.rotation().matrix()[2, 2] > 0.99
+    assert report.plane.plane.down_camera[1] > 0.9, "the floor is below the camera"
+    assert np.any(grid.cells == 254), "some of the floor is free"

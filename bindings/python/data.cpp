@@ -116,10 +116,16 @@ void register_recordings(py::module_& m) {
       .def_readonly("right_missing", &RecordingInfo::right_missing)
       .def_readonly("missing_sensors", &RecordingInfo::missing_sensors)
       .def_readonly("truth", &RecordingInfo::truth);
+  py::class_<Rig>(m, "Rig", "The sensors that a source has and where they sit on the body.")
+      .def("stereo", &Rig::stereo, "The pair of cameras. Raises Error if one is missing or they are no pair.")
+      .def_property_readonly("has_stereo", &Rig::has_stereo)
+      .def_property_readonly("has_imu", [](const Rig& rig) { return rig.imu.has_value(); })
+      .def_property_readonly("has_wheels", [](const Rig& rig) { return rig.wheels.has_value(); });
   py::class_<Recording>(m, "Recording", "A recording in files; iterate over its samples.")
       .def("__iter__", [](const py::object& self) { return self; })
       .def("__next__", &samples)
       .def_property_readonly("info", [](const Recording& r) { return r.info(); })
+      .def_property_readonly("rig", [](const Recording& r) { return r.rig(); })
       .def(
           "stereo_rig", [](const Recording& r) { return r.rig().stereo(); }, "The pair of cameras.");
   m.def(

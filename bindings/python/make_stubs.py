@@ -5,6 +5,7 @@
     make_stubs.py PACKAGE_DIR
 """
 
+import ast
 import inspect
 import pathlib
 import re
@@ -60,6 +61,7 @@ class Module:
         if "numpy.ndarray[" in text:  # within another type
             text = re.sub(r"numpy\.ndarray\[numpy\.(\w+)(?:\[[^\]]*\])?(?:, flags[.\w, ]*)?\]",
                           r"numpy.typing.NDArray[numpy.\1]", text)
+            text = text.replace("numpy.ndarray[bool]", "numpy.typing.NDArray[numpy.bool_]")
         text = re.sub(r"\b(list|tuple|dict)\b(?!\[)", lambda m: {"list": "list[typing.Any]", "dict":
                       "dict[str, typing.Any]", "tuple": "tuple[typing.Any, ...]"}[m[1]], text)
         text = re.sub(r"\bcapsule\b|\bhandle\b", "object", text)
@@ -223,7 +225,14 @@ def main():
     import sweepkit
     core = sweepkit._core
     for folder in core.folders:
-        (package / f"{folder}.pyi").write_text(Module(getattr(core, folder)).text())
+        stub = package / f"{folder}.pyi"
+        text = Module(getattr(core, folder)).text()
+        # A C++ type that nobody bound, or a parameter named as a keyword, ends the build and not a reader's day.
+        try:
+            ast.parse(text, str(stub))
+        except SyntaxError as error:
+            sys.exit(f"{stub}:{error.lineno}: no Python: {error.text.strip()}")
+        stub.write_text(text)
     imports = "".join(f"from . import {name} as {name}\n" for name in core.folders)
     (package / "_core.pyi").write_text(f"{HEADER}{imports}\n\nfolders: tuple[str, ...]\n")
 

@@ -106,6 +106,19 @@ void register_sweeper(py::module_& m) {
   bind_options<MainDirectionSearchOptions>(m, "MainDirectionSearchOptions",
                                            "The search for the room's main direction.");
   bind_options<PlaceOptions>(m, "PlaceOptions", "Places known again.");
+  bind_options<FloorMountingOptions>(m, "FloorMountingOptions",
+                                     "The floor where a rig without wheels does not tell it.");
+  bind_options<GridStageOptions>(m, "GridStageOptions", "The floor's map of a run.");
+  bind_options<FloorStageOptions>(m, "FloorStageOptions",
+                                  "What lies on the floor, and where there is none to drive on.");
+  py::class_<ObstacleReport, std::shared_ptr<ObstacleReport>>(m, "ObstacleReport",
+                                                              "Obstacles as one image showed them.")
+      .def_readonly("t", &ObstacleReport::t, "[ns]")
+      .def_readonly("T_odom_floor", &ObstacleReport::T_odom_floor,
+                    "The frame in which boxes of `obstacles` stand.")
+      .def_readonly("plane", &ObstacleReport::plane)
+      .def_readonly("obstacles", &ObstacleReport::obstacles)
+      .def_readonly("tracked", &ObstacleReport::tracked, "In odom.");
   bind_options<SweeperOptions>(m, "SweeperOptions", "What the whole system may be told.");
   py::class_<SweeperWithEvents>(m, "Sweeper",
                                 "The whole system. Feed it from any threads, one for each kind of sample; "
@@ -130,6 +143,15 @@ void register_sweeper(py::module_& m) {
       .def(
           "map", [](const SweeperWithEvents& s) -> const Map& { return s.sweeper.map(); },
           py::return_value_policy::reference_internal, "The maps; in real time only after finish.")
+      .def(
+          "obstacles",
+          [](const SweeperWithEvents& s) {
+            return std::const_pointer_cast<ObstacleReport>(s.sweeper.obstacles());
+          },
+          Released(), "What lies on the floor, as of the newest image looked at; None without floor.enabled.")
+      .def(
+          "grid", [](const SweeperWithEvents& s) { return s.sweeper.grid(); }, Released(),
+          "The floor as all images so far show it, an OccupancyImage; None without floor.enabled.")
       .def(
           "place_counts",
           [](const SweeperWithEvents& s) {

@@ -209,9 +209,9 @@ TEST_CASE("Smoothing takes noise away, keeps edges of the image and invents only
   DisparityOptions options = options_of(DisparityMethod::sgbm);
   const Image<std::int16_t> plain(DenseMatcher(options).match(pair.left, pair.right));
   options.smooth.enabled = true;
-  options.smooth.lambda = 0;
+  options.smooth.smoothness = 0;
   CHECK(equal(DenseMatcher(options).match(pair.left, pair.right), plain));
-  options.smooth.lambda = 200;
+  options.smooth.smoothness = 200;
   options.smooth.sigma = 12;
   const Image<std::int16_t> smooth(DenseMatcher(options).match(pair.left, pair.right));
   double squares[2] = {};

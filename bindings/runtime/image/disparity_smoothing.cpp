@@ -35,8 +35,8 @@ void DisparitySmoother::smooth(GrayView guide, const DisparitySmoothing& options
   // Each round a quarter as smooth as the one before: the steps of the paper's equation 16.
   for (int round = 1; round <= kRounds; ++round) {
     const double part = 1.5 * std::pow(4.0, kRounds - round) / (std::pow(4.0, kRounds) - 1);
-    rows(guide, static_cast<float>(part * options.lambda));
-    columns(guide, static_cast<float>(part * options.lambda));
+    rows(guide, static_cast<float>(part * options.smoothness));
+    columns(guide, static_cast<float>(part * options.smoothness));
   }
   for (int v = 0; v < guide.height; ++v) {
     std::int16_t* d = disparity.row(v);

@@ -691,7 +691,7 @@ class Sweeper::Impl {
     publish(mapper_.copy_newest(), news);
     GlobalAdjustment global = mapper_.begin_global_adjustment();
     if (!options_.realtime) {
-      global.solve(rectified_camera(rig_), options_.mapper.global);
+      global.solve(rectified_camera(rig_), options_.mapper.global_bundle);
       publish(mapper_.finish_global_adjustment(global));
       return;
     }
@@ -826,7 +826,7 @@ class Sweeper::Impl {
       }
       guard(global.t, "mapping", [&] {
         const auto scope = clock_.time(Stage::loop);
-        global.solve(rectified_camera(rig_), options_.mapper.global, &stop_adjusting_);
+        global.solve(rectified_camera(rig_), options_.mapper.global_bundle, &stop_adjusting_);
       });
       {
         const std::scoped_lock lock(queue_mutex_);

@@ -21,14 +21,14 @@ enum class DisparityMethod {
 /// The weighted least squares filter after matching; see DisparityOptions::smooth.
 struct DisparitySmoothing {
   bool enabled = false;
-  double lambda = 200.0;
+  double smoothness = 200.0;
   double sigma = 6.0;
   bool fill = false;
 
   template <class Visitor>
   void visit_options(Visitor& v) {
     v(enabled, "enabled", "", any_value(), "smooth disparities along the edges of the left image");
-    v(lambda, "lambda", "", range(0.0, 1e6), "how smooth; 0 leaves the disparities as they are");
+    v(smoothness, "smoothness", "", range(0.0, 1e6), "how smooth; 0 leaves the disparities as they are");
     v(sigma, "sigma", "grey levels", range(0.1, 255.0), "difference of neighbours that counts as an edge");
     v(fill, "fill", "", any_value(), "also invent disparities where matching found none");
   }

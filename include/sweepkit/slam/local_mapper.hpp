@@ -48,7 +48,7 @@ struct LocalMapperOptions {
   BundleOptions bundle;
   LoopCorrectionOptions loop;
   MapCaps caps;
-  BundleOptions global{.robust_iterations = 4, .iterations = 4};
+  BundleOptions global_bundle{.robust_iterations = 4, .iterations = 4};
 
   template <class Visitor>
   void visit_options(Visitor& v) {
@@ -92,7 +92,7 @@ struct LocalMapperOptions {
     v.group(bundle, "bundle", "local bundle adjustment");
     v.group(caps, "caps", "how large the map may become");
     v.group(loop, "loop", "places known again");
-    v.group(global, "global", "bundle adjustment of the whole map after them");
+    v.group(global_bundle, "global_bundle", "bundle adjustment of the whole map after them");
   }
 };
 
