@@ -94,3 +94,30 @@ def test_files_and_drivable_area(tmp_path):
     (tmp_path / "grid.pgm").write_bytes(b"P5\n9999 9999\n255\n")
     with pytest.raises(sk.Error, match="too short"):
         sk.floor.read_grid(tmp_path / "grid.yaml")
+
+
+def test_evaluation_counts_what_was_seen():
+    cells = np.full((41, 41), 254, np.uint8)
+    cells[[0, -1]] = cells[:, [0, -1]] = 0
+    truth = sk.floor.OccupancyImage(cells, 0.05, [0, 0])
+    same = sk.data.evaluate_grid(truth, truth)
+    assert same.iou == same.right_wall_share == same.found_wall_share == 1 and same.visible == 39 * 39
+    # From the middle to the right, up to 0.5 m: the grid knows only what was seen, and one wall too few.
+    view = sk.data.FloorView(sk.floor.PlanarPose(1.0, 1.0, 0.0), right=-0.5, left=0.5)
+    options = sk.data.GridEvaluationOptions(max_range=0.5)
+    visible = sk.data.visible_floor(truth, [view], options)
+    assert visible.shape == cells.shape and visible[20, 25] == 255 and visible[20, 15] == 0 and visible[20, 35] == 0
+    grid = sk.floor.OccupancyImage(np.where(visible > 0, cells, 205).astype(np.uint8), 0.05, [0, 0])
+    seen = sk.data.evaluate_grid(grid, truth, views=[view], options=options)
+    assert seen.iou == 1 and seen.found == seen.visible == (visible > 0).sum()
+    cells[20, 24] = 205
+    cells[20, 25] = 0
+    wrong = sk.data.evaluate_grid(sk.floor.OccupancyImage(cells, 0.05, [0, 0]), truth, views=[view], options=options)
+    assert wrong.found == seen.visible - 2 and wrong.missed_as_wall == 1
+    # The same map in a frame of its own that is moved and turned.
+    turned = sk.floor.OccupancyImage(np.ascontiguousarray(np.rot90(grid.cells)), 0.05, [0, 0])
+    pose = sk.floor.PlanarPose(0.0, 41 * 0.05, -np.pi / 2)
+    assert sk.data.evaluate_grid(turned, truth, pose, [view], options).iou == 1
+    assert "free space IoU" in str(seen) and "grid_iou" in seen.to_json()
+    with pytest.raises(sk.Error):
+        sk.data.evaluate_grid(grid, truth, options=sk.data.GridEvaluationOptions(max_range=-1))

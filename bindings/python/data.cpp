@@ -120,7 +120,14 @@ void register_recordings(py::module_& m) {
       .def("stereo", &Rig::stereo, "The pair of cameras. Raises Error if one is missing or they are no pair.")
       .def_property_readonly("has_stereo", &Rig::has_stereo)
       .def_property_readonly("has_imu", [](const Rig& rig) { return rig.imu.has_value(); })
-      .def_property_readonly("has_wheels", [](const Rig& rig) { return rig.wheels.has_value(); });
+      .def_property_readonly("has_wheels", [](const Rig& rig) { return rig.wheels.has_value(); })
+      .def_property_readonly(
+          "T_body_base",
+          [](const Rig& rig) -> std::optional<SE3d> {
+            if (!rig.wheels) return std::nullopt;
+            return rig.wheels->T_body_base;
+          },
+          "Of the wheels' base (x forward, z up, on the floor between them); None without wheels.");
   py::class_<Recording>(m, "Recording", "A recording in files; iterate over its samples.")
       .def("__iter__", [](const py::object& self) { return self; })
       .def("__next__", &samples)
@@ -254,7 +261,8 @@ void register_trajectories(py::module_& m) {
 
 }  // namespace
 
-void register_g2o(py::module_& m);  // pose_graph.cpp
+void register_g2o(py::module_& m);              // pose_graph.cpp
+void register_grid_evaluation(py::module_& m);  // grid_evaluation.cpp
 
 void register_data(py::module_& m) {
   register_recordings(m);
@@ -263,6 +271,7 @@ void register_data(py::module_& m) {
   register_simulation_drive(m);
   register_g2o(m);
   register_atlas_files(m);
+  register_grid_evaluation(m);
 }
 
 }  // namespace sweepkit::python
