@@ -18,7 +18,7 @@
 #include <utility>
 #include <variant>
 
-#include "sweepkit/bow/default_vocabulary.hpp"
+#include "mapping_stage.hpp"
 #include "sweepkit/data/atlas_file.hpp"
 
 namespace sweepkit {
@@ -52,8 +52,10 @@ class Sweeper::Impl {
         frontend_(rig, options.frontend),
         tracker_(rectified_camera(rig), rig.bounds(), levels(), options.tracker, T_camera_body_),
         bridge_(sensors, options.odometry),
-        mapper_(rectified_camera(rig), rig.bounds(), levels(), options.mapper),
-        live_(bridge_.filter()) {
+        live_(bridge_.filter()),
+        mapping_(rig_, options_, sensors.imu.has_value(), clock_,
+                 {[this](const Event& event) { tell(event); },
+                  [this](TimeNs t, const std::string& reason) { drop(t, "mapping", reason); }}) {
     if (sensors.imu && options_.main_direction.enabled)
       direction_search_.emplace(
           DirectionSearch{MainDirectionEstimator(rig, options_.main_direction.direction),
@@ -61,60 +63,29 @@ class Sweeper::Impl {
                           {},
                           {},
                           std::nullopt});
-    if (options_.places.enabled) {
-      const std::string& file = options_.places.vocabulary;
-      recognizer_.emplace(rectified_camera(rig), rig.bounds(), levels(),
-                          file.empty() ? default_orb_vocabulary() : open_place_vocabulary(file),
-                          options_.places.recognizer);
-    }
-    if (sensors.imu) gravity_ = -Vec3<double>::UnitZ();
-    if (options_.realtime) {
-      adjusting_thread_ = std::thread([this] { run_adjusting(); });
-      tracking_thread_ = std::thread([this] { run_tracking(); });
-      mapping_thread_ = std::thread([this] { run_mapping(); });
-    }
+    if (options_.realtime) tracking_thread_ = std::thread([this] { run_tracking(); });
   }
 
   ~Impl() {
     {
       const std::scoped_lock lock(queue_mutex_);
       images_.clear();
-      candidates_.clear();
-      leaving_ = true;
     }
+    mapping_.leave();
     finish();
   }
 
   void resume(Atlas&& atlas, const std::string& place) {
     check_same_rig(atlas.info, rig_, place);
-    const std::scoped_lock lock(feed_mutex_, map_mutex_);
+    const std::scoped_lock lock(feed_mutex_);
     require(last_imu_ == kNever && last_wheels_ == kNever && last_image_ == kNever, "Sweeper::resume",
             "comes before the first sample", place);
     first_map_ = static_cast<int>(atlas.map.map_count());
     frontend_.set_disparity_bias(atlas.info.disparity_bias);
-    mapper_.resume(std::move(atlas.map), atlas.info.disparity_bias, atlas.info.disparity_bias_sigma);
-    if (recognizer_) recognizer_->database().follow(mapper_.map());
-    resumed_ = std::move(atlas.info);
+    mapping_.resume(std::move(atlas));
   }
 
-  void save_atlas(const std::string& path) const {
-    const std::scoped_lock lock(map_mutex_);
-    const Map& map = mapper_.map();
-    AtlasInfo info;
-    info.rig = identity_of(rig_);
-    if (recognizer_)
-      info.vocabulary = options_.places.vocabulary.empty() ? "default" : options_.places.vocabulary;
-    info.disparity_bias = mapper_.disparity_bias();
-    info.disparity_bias_sigma = mapper_.disparity_bias_sigma();
-    info.gravity_known = resumed_.gravity_known;
-    info.gravity_known.resize(static_cast<std::size_t>(first_map_), false);
-    info.gravity_known.resize(map.map_count(), gravity_.has_value());
-    // What others keep with keyframes that are still there.
-    for (const auto& [name, pieces] : resumed_.attachments)
-      for (const KeyframeAttachment& piece : pieces)
-        if (map.find(piece.keyframe)) info.attachments[name].push_back(piece);
-    write_atlas(path, info, map);
-  }
+  void save_atlas(const std::string& path) const { mapping_.save_atlas(path); }
 
   template <class Inertial>
   void feed_inertial(const Inertial& sample, bool finite, const char* sensor,
@@ -191,13 +162,7 @@ class Sweeper::Impl {
     }
     queue_changed_.notify_all();
     if (tracking_thread_.joinable()) tracking_thread_.join();
-    {
-      const std::scoped_lock lock(queue_mutex_);
-      tracking_done_ = true;
-    }
-    queue_changed_.notify_all();
-    if (mapping_thread_.joinable()) mapping_thread_.join();
-    if (adjusting_thread_.joinable()) adjusting_thread_.join();
+    mapping_.finish();
     if (obstacles_) obstacles_->finish();
     take_local_map();  // the last keyframe's, so that its image follows it
     if (direction_search_ && last_image_ != kNever)
@@ -238,13 +203,18 @@ class Sweeper::Impl {
 
   SE3d optimized_pose(const TrackedImage& image) const {
     if (!image.reference.valid()) return image.T_map_body;
-    const SE3d T_camera_map = image.T_camera_reference * mapper_.map().T_camera_world(image.reference);
+    const SE3d T_camera_map = image.T_camera_reference * mapping_.map().T_camera_world(image.reference);
     return T_camera_map.inverse() * T_camera_body_;
   }
 
   SweeperCounts counts() const {
+    const MappingStage::Places places = mapping_.places();
     const std::scoped_lock lock(state_mutex_);
-    return counts_;
+    SweeperCounts counts = counts_;
+    counts.maps_joined = places.joined;
+    counts.loops_closed = places.closed;
+    counts.loops_rejected = places.rejected;
+    return counts;
   }
   std::vector<TrackedImage> images(std::size_t first) const {
     const std::scoped_lock lock(state_mutex_);
@@ -254,14 +224,13 @@ class Sweeper::Impl {
   const StereoRig& rig() const { return rig_; }
   const SweeperOptions& options() const { return options_; }
   const StageClock& stage_clock() const { return clock_; }
-  const Map& map() const { return mapper_.map(); }
+  const Map& map() const { return mapping_.map(); }
   std::shared_ptr<const ObstacleReport> obstacles() const {
     return obstacles_ ? obstacles_->latest() : nullptr;
   }
   std::optional<OccupancyImage> grid() const {
     if (!grid_) return std::nullopt;
-    const std::scoped_lock lock(map_mutex_);
-    return grid_->image(mapper_.map(), mapper_.current_map());
+    return mapping_.read([&](const Map& map, MapId current) { return grid_->image(map, current); });
   }
   // Before the first sample. @param mounted with the wheels, which tell where the floor is, if there are any
   void start_floor(const Rig& mounted) {
@@ -272,10 +241,7 @@ class Sweeper::Impl {
     obstacles_ =
         std::make_unique<ObstacleStage>(rig_, seed, floor.detector, options_.realtime, &clock_, grid_.get());
   }
-  const PlaceCounts& place_counts() const {
-    static const PlaceCounts kNone;
-    return recognizer_ ? recognizer_->counts() : kNone;
-  }
+  const PlaceCounts& place_counts() const { return mapping_.place_counts(); }
   std::optional<NavigationState> navigation() const {
     const std::scoped_lock lock(state_mutex_);
     return navigation_;
@@ -473,7 +439,7 @@ class Sweeper::Impl {
     }
     tracked.covariance += drift(tracked.T_map_body);
     tell_state(image.t, result);
-    if (!result.wants_keyframe || !((result.starts_map && !result.blind) || mapper_has_room()))
+    if (!result.wants_keyframe || !((result.starts_map && !result.blind) || mapping_.has_room()))
       return std::nullopt;
     KeyframeCandidate candidate{.frame = frame_,
                                 .counts = tracker_.take_counts(),
@@ -607,110 +573,16 @@ class Sweeper::Impl {
     newest_sample_ = std::max(newest_sample_, tracked.t);
   }
 
-  bool mapper_has_room() {
-    if (!options_.realtime) return true;
-    const std::scoped_lock lock(queue_mutex_);
-    return candidates_.size() < static_cast<std::size_t>(options_.keyframe_queue);
-  }
-
   void hand_over(KeyframeCandidate&& candidate) {
     {
       const std::scoped_lock lock(state_mutex_);
       ++counts_.keyframes_made;
     }
-    if (!options_.realtime) {
-      map_keyframe(std::move(candidate));
-      return;
-    }
-    {
-      const std::scoped_lock lock(queue_mutex_);
-      candidates_.push_back(std::move(candidate));
-    }
-    hurry_ = true;
-    queue_changed_.notify_all();
-  }
-
-  // In the thread of mapping.
-  void map_keyframe(KeyframeCandidate&& candidate) {
-    const std::scoped_lock changing(map_mutex_);
-    std::shared_ptr<const LocalMap> local_map;
-    if (candidate.begins_map || !mapper_.current_map().valid()) {
-      map_begun_at_ = candidate.frame.t;
-      // Odometry carries the frame of the map over into the new one.
-      if (!candidate.odometry)
-        one_frame_.clear();
-      else if (mapper_.current_map().valid())
-        one_frame_.push_back(mapper_.current_map());
-    }
-    {
-      const auto scope = clock_.time(Stage::local_ba);
-      local_map = mapper_.process(std::move(candidate), &hurry_);
-    }
-    publish(local_map);
-    if (recognizer_) look_around(local_map->newest);
-  }
-
-  void publish(std::shared_ptr<const LocalMap> local_map, std::vector<Event> news = {}) {
-    if (!local_map) return;
-    const std::scoped_lock lock(queue_mutex_);
-    new_local_map_ = std::move(local_map);
-    news_.insert(news_.end(), news.begin(), news.end());
-  }
-
-  // Was the robot here before?
-  void look_around(KeyframeId newest) {
-    std::optional<PlaceMatch> match;
-    {
-      const auto scope = clock_.time(Stage::place);
-      recognizer_->database().follow(mapper_.map());
-      match = recognizer_->feed(mapper_.map(), newest, gravity_ ? &*gravity_ : nullptr, one_frame_);
-    }
-    if (!match) return;
-    const auto scope = clock_.time(Stage::loop);
-    const TimeNs t = mapper_.map().keyframe(newest).t;
-    const MapId from = mapper_.map().keyframe(newest).map;
-    const LoopCorrection correction = mapper_.take_place(*match);
-    Event event(t, !correction.accepted ? "loop_rejected"
-                   : correction.joined  ? "maps_joined"
-                                        : "loop_closed");
-    event.with("keyframe", match->candidate.value).with("points", match->pairs.size());
-    if (correction.joined) event.with("map", match->map.value).with("joined", from.value);
-    if (!correction.joined) event.with("contradiction", correction.contradiction);
-    {
-      const std::scoped_lock lock(state_mutex_);
-      ++(correction.joined     ? counts_.maps_joined
-         : correction.accepted ? counts_.loops_closed
-                               : counts_.loops_rejected);
-    }
-    if (!correction.accepted) return tell(event);
-    std::vector<Event> news{event};
-    if (correction.joined)
-      news.push_back(Event(t, "relocalized")
-                         .with("map", match->map.value)
-                         .with("seconds", to_seconds(t - map_begun_at_)));
-    publish(mapper_.copy_newest(), news);
-    GlobalAdjustment global = mapper_.begin_global_adjustment();
-    if (!options_.realtime) {
-      global.solve(rectified_camera(rig_), options_.mapper.global_bundle);
-      publish(mapper_.finish_global_adjustment(global));
-      return;
-    }
-    {
-      const std::scoped_lock lock(queue_mutex_);
-      to_adjust_ = std::move(global);
-      stop_adjusting_ = true;  // an older one is of no use any more
-    }
-    queue_changed_.notify_all();
+    mapping_.hand_over(std::move(candidate));
   }
 
   void take_local_map() {
-    std::shared_ptr<const LocalMap> map;
-    std::vector<Event> news;
-    {
-      const std::scoped_lock lock(queue_mutex_);
-      map = std::exchange(new_local_map_, nullptr);
-      news.swap(news_);
-    }
+    auto [map, news] = mapping_.take();
     if (!map || map->begun != begun_) {
       for (const Event& event : news) tell(event);
       return;
@@ -777,66 +649,6 @@ class Sweeper::Impl {
     samples_came_.wait_until(lock, until, [&] { return last_motion_ >= t; });
   }
 
-  void run_mapping() {
-    for (;;) {
-      std::optional<GlobalAdjustment> adjusted;
-      std::optional<KeyframeCandidate> candidate;
-      {
-        std::unique_lock lock(queue_mutex_);
-        const auto adjusting = [this] { return to_adjust_ || adjusting_; };
-        queue_changed_.wait(lock, [&] {
-          return adjusted_ || !candidates_.empty() || (tracking_done_ && (!adjusting() || leaving_));
-        });
-        adjusted.swap(adjusted_);
-        if (!candidates_.empty()) {
-          candidate = std::move(candidates_.front());
-          candidates_.pop_front();
-          hurry_ = !candidates_.empty();
-        }
-        if (!adjusted && !candidate) {
-          mapping_done_ = true;
-          stop_adjusting_ = true;
-          break;
-        }
-      }
-      if (adjusted)
-        guard(last_mapped_, "mapping", [&] {
-          const std::scoped_lock changing(map_mutex_);
-          publish(mapper_.finish_global_adjustment(*adjusted));
-        });
-      if (!candidate) continue;
-      last_mapped_ = candidate->frame.t;
-      guard(last_mapped_, "mapping", [&] { map_keyframe(std::move(*candidate)); });
-    }
-    queue_changed_.notify_all();
-  }
-
-  // Whole maps are adjusted beside mapping, which goes on.
-  void run_adjusting() {
-    for (;;) {
-      GlobalAdjustment global;
-      {
-        std::unique_lock lock(queue_mutex_);
-        queue_changed_.wait(lock, [this] { return mapping_done_ || to_adjust_; });
-        if (mapping_done_) return;
-        global = std::move(*to_adjust_);
-        to_adjust_.reset();
-        adjusting_ = true;
-        stop_adjusting_ = false;
-      }
-      guard(global.t, "mapping", [&] {
-        const auto scope = clock_.time(Stage::loop);
-        global.solve(rectified_camera(rig_), options_.mapper.global_bundle, &stop_adjusting_);
-      });
-      {
-        const std::scoped_lock lock(queue_mutex_);
-        adjusting_ = false;
-        adjusted_ = std::move(global);
-      }
-      queue_changed_.notify_all();
-    }
-  }
-
   const StereoRig rig_;
   const SweeperOptions options_;
   EventSink* const events_;
@@ -876,17 +688,6 @@ class Sweeper::Impl {
   OdometryBridge bridge_;  // of the frame path
   std::vector<MotionSample> due_;
 
-  // Of mapping. Held while the map changes, and by who saves it.
-  mutable std::mutex map_mutex_;
-  LocalMapper mapper_;
-  AtlasInfo resumed_;
-  std::optional<PlaceRecognizer> recognizer_;
-  std::optional<Vec3<double>> gravity_;  // in all maps, unit
-  std::vector<MapId> one_frame_;         // maps left behind whose frames go on in the current one's
-  TimeNs last_mapped_ = 0, map_begun_at_ = 0;
-  std::atomic<bool> hurry_ = false;           // another keyframe waits: mapping leaves early
-  std::atomic<bool> stop_adjusting_ = false;  // what the whole map is adjusted from has changed
-
   std::mutex feed_mutex_;
   TimeNs last_imu_ = kNever, last_wheels_ = kNever, last_image_ = kNever;
 
@@ -894,13 +695,7 @@ class Sweeper::Impl {
   std::condition_variable queue_changed_;
   std::deque<StereoImage> images_;
   std::vector<TimeNs> dropped_;  // stamps of images that went unseen
-  std::deque<KeyframeCandidate> candidates_;
-  std::shared_ptr<const LocalMap> new_local_map_;
-  bool finished_ = false;       // guarded by feed_mutex_ and queue_mutex_
-  bool tracking_done_ = false;  // guarded by queue_mutex_
-  std::vector<Event> news_;     // of the map, told when the tracker takes it
-  std::optional<GlobalAdjustment> to_adjust_, adjusted_;
-  bool adjusting_ = false, mapping_done_ = false, leaving_ = false;
+  bool finished_ = false;        // guarded by feed_mutex_ and queue_mutex_
 
   mutable std::mutex state_mutex_;  // never held for longer than a copy
   std::deque<TrackedImage> history_;
@@ -917,7 +712,8 @@ class Sweeper::Impl {
   std::optional<MainDirection> main_direction_;
   std::condition_variable samples_came_;
 
-  std::thread tracking_thread_, mapping_thread_, adjusting_thread_;
+  MappingStage mapping_;  // tells events and counts what failed: of all above
+  std::thread tracking_thread_;
 };
 
 Sweeper::Sweeper(const StereoRig& rig, const SweeperOptions& options, EventSink* events, FrameSink* frames) {
