@@ -10,6 +10,7 @@
 #include <vector>
 
 #include "scratch_folder.hpp"
+#include "sweepkit/bow/default_vocabulary.hpp"
 #include "sweepkit/core/error.hpp"
 #include "sweepkit/data/atlas_file.hpp"
 #include "sweepkit/system/sweeper.hpp"
@@ -111,6 +112,7 @@ TEST_CASE("a second run finds its way in the atlas of the first", "[places]") {
     for (const StereoImage& image : drive_images()) first.feed(image);
     first.finish();
     first.save_atlas(file);
+    CHECK(read_atlas(file).info.vocabulary_checksum == default_orb_vocabulary()->info().checksum);
   }
   const auto run = [&] {
     EventRecord events;

@@ -207,7 +207,8 @@ VocabularyInfo VocabularyImage::info() const {
           .node_count = h.node_count,
           .leaf_count = h.leaf_count,
           .word_count = h.word_count,
-          .bytes = h.bytes};
+          .bytes = h.bytes,
+          .checksum = h.checksum};
 }
 
 VocabularyTree VocabularyImage::tree() const {

@@ -61,8 +61,10 @@ void MappingStage::save_atlas(const std::string& path) const {
   const Map& map = mapper_.map();
   AtlasInfo info;
   info.rig = identity_of(rig_);
-  if (recognizer_)
+  if (recognizer_) {
     info.vocabulary = options_.places.vocabulary.empty() ? "default" : options_.places.vocabulary;
+    info.vocabulary_checksum = recognizer_->database().vocabulary().info().checksum;
+  }
   info.disparity_bias = mapper_.disparity_bias();
   info.disparity_bias_sigma = mapper_.disparity_bias_sigma();
   info.gravity_known = resumed_.gravity_known;

@@ -73,6 +73,7 @@ struct VocabularyInfo {
   std::uint32_t leaf_count = 0;
   std::uint32_t word_count = 0;  ///< the largest word and one
   std::uint64_t bytes = 0;       ///< of the image
+  std::uint64_t checksum = 0;    ///< of its content, as the header has it: tells vocabularies apart
 };
 
 /// A vocabulary as one piece of memory, laid out for speed: the content of our own files, which are mapped,
