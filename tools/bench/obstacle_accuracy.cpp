@@ -12,7 +12,8 @@
 // visible to both cameras; it is found if at least 10 of them belong to
 // obstacles whose depth there is right to 10 %, and found apart if one obstacle has most of its pixels on it.
 // A false alarm is an obstacle of which more than half the pixels show floor or carpet, or any hole: there
-// are none.
+// are none. What a user is told of are things that are confirmed: `reported` counts each of them once (by its
+// id) that was a false alarm in at least one image while it was confirmed.
 
 #include <fmt/format.h>
 #include <yaml-cpp/yaml.h>
@@ -27,6 +28,7 @@
 #include <opencv2/imgcodecs.hpp>
 #include <opencv2/imgproc.hpp>
 #include <optional>
+#include <set>
 #include <sstream>
 #include <string>
 #include <vector>
@@ -72,6 +74,8 @@ struct PixelTally {
 struct Counts {
   int frames = 0, frames_with_alarm[2] = {0, 0}, frames_with_confirmed = 0;
   int alarms[2] = {0, 0}, holes[2] = {0, 0}, confirmed = 0;
+  int images = 0;  // seen by the detector, with truth or without
+  std::set<std::pair<std::string, std::int64_t>> reported, reported_near;
   std::array<std::array<Tally, kDistances.size()>, kHeights.size()> table{};
   std::map<std::string, std::array<Tally, 2>> classes;
   std::array<PixelTally, 2> pixels{};
@@ -214,9 +218,14 @@ bool is_flat(const Truth& truth, int u, int v) {
   return true;
 }
 
+bool is_confirmed(const ObstacleFrame& frame, std::size_t k) {
+  return std::any_of(frame.tracked.begin(), frame.tracked.end(),
+                     [&](const TrackedObstacle& t) { return t.confirmed && t.last == static_cast<int>(k); });
+}
+
 void compare(const ObstacleFrame& frame, const Truth& truth, const std::vector<TrueObject>& objects,
              const SE3d& T_base_world, const RectifiedCamera& camera, const Settings& settings,
-             const std::string& name, Counts& counts) {
+             const std::string& folder, const std::string& name, Counts& counts) {
   const SE3d T_floor_camera = floor_frame(frame.plane.plane);
   const int width = frame.left.width, height = frame.left.height;
   const std::size_t n = frame.obstacles.size();
@@ -272,7 +281,11 @@ void compare(const ObstacleFrame& frame, const Truth& truth, const std::vector<T
         alarm[r] = true;
       }
     for (const TrackedObstacle& t : frame.tracked)
-      if (t.last == static_cast<int>(k) && t.confirmed) ++counts.confirmed, confirmed = true;
+      if (t.last == static_cast<int>(k) && t.confirmed) {
+        ++counts.confirmed, confirmed = true;
+        counts.reported.emplace(folder, t.id);
+        if (o.distance <= 1.0) counts.reported_near.emplace(folder, t.id);
+      }
   }
   ++counts.frames;
   for (int r = 0; r < 2; ++r) counts.frames_with_alarm[r] += alarm[r];
@@ -302,10 +315,11 @@ void compare(const ObstacleFrame& frame, const Truth& truth, const std::vector<T
   if (!settings.pictures.empty() && (!missed.empty() || !wrong.empty())) {
     std::string text = missed;
     for (const std::size_t k : wrong)
-      text += fmt::format("false {} at {:.2f} m, {} px, top {:.0f} mm, {:.0f} x {:.0f} mm; ",
-                          to_string(frame.obstacles[k].kind), frame.obstacles[k].distance,
-                          frame.obstacles[k].pixels, 1000 * frame.obstacles[k].box.top,
-                          1000 * frame.obstacles[k].box.length, 1000 * frame.obstacles[k].box.width);
+      text += fmt::format("false {}{} at {:.2f} m, {} px, top {:.0f} mm, {:.0f} x {:.0f} mm; ",
+                          is_confirmed(frame, k) ? "reported " : "", to_string(frame.obstacles[k].kind),
+                          frame.obstacles[k].distance, frame.obstacles[k].pixels,
+                          1000 * frame.obstacles[k].box.top, 1000 * frame.obstacles[k].box.length,
+                          1000 * frame.obstacles[k].box.width);
     fmt::print("# {} plane {}: {}\n", name, to_string(frame.plane.state), text);
     draw(settings.pictures / (name + ".png"), frame, truth, wrong, text);
   }
@@ -335,6 +349,7 @@ void look_at(const fs::path& folder, const Settings& settings, Counts& counts) {
     if (T_world_body) pose.T_odom_camera = *T_world_body * rig.T_body_camera();
     const ObstacleFrame& frame = detector.detect(image->t, image->left.view, image->right.view, pose);
     counts.ms.push_back(frame.times.total());
+    ++counts.images;
     const auto entry = list.find(image->t);
     if (entry == list.end() || !T_world_body || number++ % settings.stride != 0) continue;
     const cv::Mat depth =
@@ -348,7 +363,7 @@ void look_at(const fs::path& folder, const Settings& settings, Counts& counts) {
     constexpr double kDegrees = 180 / std::numbers::pi;
     counts.pitch_deg.push_back(std::abs(pitch_down(frame.plane.plane) - pitch_down(level)) * kDegrees);
     counts.height_mm.push_back(std::abs(frame.plane.plane.height - level.height) * 1000);
-    compare(frame, truth, objects, T_world_base.inverse(), detector.camera(), settings,
+    compare(frame, truth, objects, T_world_base.inverse(), detector.camera(), settings, folder.string(),
             fmt::format("{}_{}", folder.filename().string(), image->t), counts);
   }
 }
@@ -360,13 +375,15 @@ double quantile(std::vector<double> values, double share) {
 }
 
 void print(const Counts& c) {
-  fmt::print("\nframes {}; time a pair {:.1f} ms (median); plane off by {:.3f} deg pitch, {:.2f} mm (p95)\n",
-             c.frames, quantile(c.ms, 0.5), quantile(c.pitch_deg, 0.95), quantile(c.height_mm, 0.95));
+  fmt::print(
+      "\nframes {} of {}; time a pair {:.1f} ms (median); plane off by {:.3f} deg pitch, {:.2f} mm (p95)\n",
+      c.frames, c.images, quantile(c.ms, 0.5), quantile(c.pitch_deg, 0.95), quantile(c.height_mm, 0.95));
   fmt::print(
       "false alarms: within 1 m {} obstacles, {} holes in {} frames; all {} obstacles, {} holes in {} "
-      "frames; confirmed {} in {} frames\n",
+      "frames; confirmed {} in {} frames\nreported false alarms (things confirmed): {}, of them {} within 1 "
+      "m\n",
       c.alarms[0], c.holes[0], c.frames_with_alarm[0], c.alarms[1], c.holes[1], c.frames_with_alarm[1],
-      c.confirmed, c.frames_with_confirmed);
+      c.confirmed, c.frames_with_confirmed, c.reported.size(), c.reported_near.size());
   for (std::size_t r = 0; r < kRanges.size(); ++r) {
     const PixelTally& p = c.pixels[r];
     if (p.truth > 0)
