@@ -75,6 +75,26 @@ TEST_CASE("Sweeper follows a drive", "[sweeper]") {
   CHECK(sweeper.images(images.size() + 5).empty());
 }
 
+TEST_CASE("a Sweeper forgets old images as it was told to", "[sweeper]") {
+  SweeperOptions options = small_options();
+  Sweeper whole(Room().rig(), options);
+  options.history = 5;
+  Sweeper brief(Room().rig(), options);
+  const std::vector<StereoImage> drive = drive_images();
+  for (const StereoImage& image : drive) {
+    whole.feed(image);
+    brief.feed(image);
+  }
+  const std::vector<TrackedImage> all = whole.images(), kept = brief.images();
+  REQUIRE(kept.size() == 5);
+  for (std::size_t k = 0; k < kept.size(); ++k) CHECK(kept[k].t == all[all.size() - 5 + k].t);
+  CHECK(brief.images(all.size() - 2).front().t == all[all.size() - 2].t);
+  CHECK(brief.images(all.size()).empty());
+  CHECK_FALSE(brief.pose_at(all[all.size() - 6].t));
+  CHECK(brief.pose_at(kept.front().t)->T_frame_body.matrix() ==
+        whole.pose_at(kept.front().t)->T_frame_body.matrix());
+}
+
 TEST_CASE("Sweeper in line repeats itself to the bit", "[sweeper]") {
   EventRecord events[2];
   std::vector<TrackedImage> images[2];

@@ -218,7 +218,8 @@ class Sweeper::Impl {
   }
   std::vector<TrackedImage> images(std::size_t first) const {
     const std::scoped_lock lock(state_mutex_);
-    return {history_.begin() + static_cast<std::ptrdiff_t>(std::min(first, history_.size())), history_.end()};
+    const std::size_t skip = first > forgotten_ ? std::min(first - forgotten_, history_.size()) : 0;
+    return {history_.begin() + static_cast<std::ptrdiff_t>(skip), history_.end()};
   }
 
   const StereoRig& rig() const { return rig_; }
@@ -570,6 +571,10 @@ class Sweeper::Impl {
     tracked.T_odom_body = T_odom_map_ * tracked.T_map_body;
     const std::scoped_lock lock(state_mutex_);
     history_.push_back(tracked);
+    if (options_.history > 0 && history_.size() > static_cast<std::size_t>(options_.history)) {
+      history_.pop_front();
+      ++forgotten_;
+    }
     newest_sample_ = std::max(newest_sample_, tracked.t);
   }
 
@@ -697,8 +702,9 @@ class Sweeper::Impl {
   std::vector<TimeNs> dropped_;  // stamps of images that went unseen
   bool finished_ = false;        // guarded by feed_mutex_ and queue_mutex_
 
-  mutable std::mutex state_mutex_;  // never held for longer than a copy
-  std::deque<TrackedImage> history_;
+  mutable std::mutex state_mutex_;    // never held for longer than a copy
+  std::deque<TrackedImage> history_;  // never empty once there was an image
+  std::size_t forgotten_ = 0;         // images before its first
   SweeperCounts counts_;
   TimeNs newest_sample_ = kNever;
   TimeNs last_motion_ = kNever;       // newest of IMU, or of wheels without one

@@ -32,7 +32,7 @@ struct RunOptions {
   bool localize = false;
   RecordingOptions recording;
   PictureOptions pictures;
-  SweeperOptions sweeper;
+  SweeperOptions sweeper{.history = 0};
 
   template <class Visitor>
   void visit_options(Visitor& v) {

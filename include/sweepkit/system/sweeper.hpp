@@ -108,6 +108,7 @@ struct SweeperOptions {
   double sample_wait = 0.02;
   double dark_level = 15;
   double map_scale_sigma = 0.003;
+  int history = 36000;
   FrontendOptions frontend;
   TrackerOptions tracker;
   LocalMapperOptions mapper;
@@ -130,6 +131,8 @@ struct SweeperOptions {
     v(dark_level, "dark_level", "grey", range(0, 255), "a mean of the left image below is darkness");
     v(map_scale_sigma, "map_scale_sigma", "", range(0, 1),
       "how far the size of the whole map may be off, as a share; for the covariance of poses");
+    v(history, "history", "images", range(0, 1e9),
+      "whose poses are kept, the newest, with half a kB each; 0: all, as trajectories of a whole run need");
     v.group(frontend, "frontend", "from images to measurements");
     v.group(tracker, "tracker", "the pose of each frame");
     v.group(mapper, "mapper", "the map");
@@ -215,10 +218,10 @@ class Sweeper {
   void feed(const WheelSample& sample) noexcept;
   void feed(StereoImage image) noexcept;
 
-  /// The pose at any time from the first image to the newest sample, also while others feed; waits for no
-  /// tracking and no mapping. Between images along the constant twist from one to the next; after the last
-  /// one as IMU or wheels tell, at their rate, and without them as it moved before. Nothing outside that
-  /// time, and before the first image was tracked.
+  /// The pose at any time from the first image kept (SweeperOptions::history) to the newest sample, also
+  /// while others feed; waits for no tracking and no mapping. Between images along the constant twist from
+  /// one to the next; after the last one as IMU or wheels tell, at their rate, and without them as it moved
+  /// before. Nothing outside that time, and before the first image was tracked.
   std::optional<BodyPose> pose_at(TimeNs t, Frame frame = Frame::odom) const;
 
   /// Processes what is queued and stops all threads. What is fed later is dropped. Called by nobody else.
@@ -227,7 +230,8 @@ class Sweeper {
   const StereoRig& rig() const;
   const SweeperOptions& options() const;
   SweeperCounts counts() const;
-  /// Every image so far, from number `first` on, also those dropped: their poses are guesses.
+  /// Every image so far, from number `first` on, also those dropped: their poses are guesses. Of older ones
+  /// than SweeperOptions::history nothing is known any more.
   std::vector<TrackedImage> images(std::size_t first = 0) const;
   /// T_map_body of the image now, after all corrections of the map.
   SE3d optimized_pose(const TrackedImage& image) const;
