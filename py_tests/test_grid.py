@@ -121,3 +121,15 @@ def test_evaluation_counts_what_was_seen():
     assert "free space IoU" in str(seen) and "grid_iou" in seen.to_json()
     with pytest.raises(sk.Error):
         sk.data.evaluate_grid(grid, truth, options=sk.data.GridEvaluationOptions(max_range=-1))
+
+
+def test_views_of_a_recording(recordings):
+    folder = recordings / "sweephome/dev01"
+    recording = sk.data.open_recording(folder)
+    assert recording.rig.T_body_base is not None
+    truth = sk.data.read_trajectory(folder)
+    views = sk.data.floor_views(recording, truth)
+    assert 500 < len(views) < 600
+    assert views[0].right < 0 < views[0].left and 0.1 < views[0].near < 0.3
+    room = sk.floor.read_grid(folder / "floor_occupancy.yaml")
+    assert 0 < (sk.data.visible_floor(room, views) > 0).mean() < 1

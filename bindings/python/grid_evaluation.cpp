@@ -13,6 +13,9 @@
 #include "options.hpp"
 #include "register.hpp"
 
+// A list of poses would be converted element by element; data.cpp binds it as a class.
+PYBIND11_MAKE_OPAQUE(sweepkit::Trajectory)
+
 namespace sweepkit::python {
 
 void register_grid_evaluation(py::module_& m) {
