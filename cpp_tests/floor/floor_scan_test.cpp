@@ -123,6 +123,81 @@ TEST_CASE("what hangs higher than the robot is passed under, what is lower is no
   CHECK(hits() > 100);
 }
 
+TEST_CASE("floor below a cabinet on legs is not free, though its bare front has no disparity") {
+  // A front from 7 cm above the floor on, square to the camera or turned, seen at its edges only; floor goes
+  // on below it to a wall.
+  World world;
+  world.wall = 2.0;
+  const Image<float> room = world.disparity<float>();
+  const SE3d T = camera_from_scan(world.plane);
+  for (const double turn : {0.0, 0.5}) {
+    const Vec3<double> normal(std::cos(turn), std::sin(turn), 0);  // of the front, in the scan's frame
+    const auto front = [&](double bearing) {                       // its distance along the floor
+      return normal.x() / (std::cos(bearing) * normal.x() + std::sin(bearing) * normal.y());
+    };
+    Image<float> image(kWidth, kHeight);
+    const auto draw = [&](bool bare, bool edges) {
+      for (int v = 0; v < kHeight; ++v)
+        for (int u = 0; u < kWidth; ++u) {
+          image(u, v) = room(u, v);
+          const Vec3<double> r = T.rotation().inverse() * Vec3<double>((u - kCamera.cx) / kCamera.focal,
+                                                                       (v - kCamera.cy) / kCamera.focal, 1);
+          const double bearing = std::atan2(r.y(), r.x());
+          const double depth = front(bearing) / std::hypot(r.x(), r.y());
+          if (std::abs(bearing) > 0.4 || world.plane.height + depth * r.z() < 0.07) continue;
+          const bool edge = std::abs(bearing) > 0.35 || std::abs(bearing) < 0.03;
+          if (edge ? edges : !bare)
+            image(u, v) = static_cast<float>(kCamera.disparity(depth));
+          else
+            image(u, v) = 0.0f;
+        }
+      return scan_of(image, world.plane);
+    };
+    const auto farthest = [&](const FloorScan& scan, double at) {  // as a part of the front's distance
+      double to = 0.0;
+      for (const FloorStretch& s : scan.stretches)
+        if (s.label == FloorLabel::floor && std::abs(scan.bearing(s.bearing) - at) < 0.005)
+          to = std::max(to, 1e-3 * s.to / front(at));
+      return to;
+    };
+    for (const double bearing : {-0.3, -0.2, -0.1, 0.0, 0.1, 0.2, 0.3}) {
+      INFO("front turned by " << turn << ", bearing " << bearing);
+      CHECK(farthest(draw(true, true), bearing) < 1.0);
+      CHECK(farthest(draw(true, true), bearing) > 0.9);
+      CHECK(farthest(draw(true, true), bearing) == Approx(farthest(draw(false, true), bearing)).margin(0.02));
+    }
+    // Beside it the floor is free.
+    CHECK(farthest(draw(true, true), 0.6) * front(0.6) > 1.8);
+    // Where the edges are not seen either, what is seen beside it at the camera's height counts.
+    CHECK(farthest(draw(true, false), 0.2) > 1.3);
+  }
+}
+
+TEST_CASE("the last rows of floor are left out unless what stands at the camera's height is seen") {
+  World world;
+  world.wall = 2.5;
+  Image<float> image = world.disparity<float>();
+  // Nothing is known between the floor's last row, before 1.2 m, and the horizon.
+  const FloorDisparity floor = world.plane.disparity(kCamera);
+  const auto last = static_cast<float>(kCamera.focal * kCamera.baseline / 1.2);
+  for (int v = 0; v < kHeight; ++v)
+    for (int u = 0; u < kWidth; ++u)
+      if (floor(u, v) > 0 && floor(u, v) < last) image(u, v) = 0.0f;
+  const auto ahead = [&] {
+    double to = 0.0;
+    const FloorScan scan = scan_of(image, world.plane);
+    for (const FloorStretch& s : scan.stretches)
+      if (s.label == FloorLabel::floor && std::abs(scan.bearing(s.bearing)) < 0.01) to = 1e-3 * s.to;
+    return to;
+  };
+  CHECK(ahead() == Approx(1.2).margin(0.06));
+  for (int v = 0; v < kHeight; ++v)
+    for (int u = 0; u < kWidth; ++u)
+      if (floor(u, v) <= 0) image(u, v) = 0.0f;
+  CHECK(ahead() < 1.12);
+  CHECK(ahead() > 0.9);
+}
+
 TEST_CASE("a step down is a hole where the floor ends") {
   World world;
   world.wall = 5.0;

@@ -177,12 +177,14 @@ class FloorScanner {
               to_left = std::max(0, static_cast<int>(left / step));
     scan.bearings = to_right + to_left + 1;
     scan.first_bearing = -to_right * step;
+    limits_.assign(static_cast<std::size_t>(scan.bearings), 0.0);
     for (int i = 0; i < scan.bearings; ++i) {
       const double bearing = scan.bearing(i);
       const Vec3<double> direction = std::cos(bearing) * R.col(0) + std::sin(bearing) * R.col(1);
       if (direction.z() < 0.05) continue;
       walk(disparity, camera, plane, tolerance, impl::FloorRay(camera, plane, direction), i, scan);
     }
+    end_below_faces(scan);
   }
 
  private:
@@ -194,10 +196,19 @@ class FloorScanner {
   static constexpr double kNearest = 0.1;    // of an obstacle taller than the camera [m]
   static constexpr double kOvershoot = 1.4;  // of floor behind an obstacle's foot
 
+  /// Leaves floor out that lies behind what stands or hangs at the camera's height. Between two rays that see
+  /// something there, those that see nothing are taken to meet a flat face without texture that joins the
+  /// two: the front of a cabinet on legs, below which the floor goes on.
+  void end_below_faces(FloorScan& scan);
+  static std::size_t at(int ray) { return static_cast<std::size_t>(ray); }
+
   FloorScanOptions options_;
   // Of one ray: its obstacles and holes, and inverse distances at the camera's height.
   std::vector<FloorStretch> obstacles_;
   std::vector<double> ahead_;
+  // Of all rays, inverse distances of what stands at the camera's height, 0 where nothing is seen there; and
+  // what follows for those.
+  std::vector<double> limits_, hidden_;
 };
 
 template <DisparityPixel D>
@@ -273,17 +284,17 @@ void FloorScanner::walk(View2d<const D> disparity, const RectifiedCamera& camera
   }
   end_obstacle();
   // Where nothing is known above the last rows of floor they may be the foot of something that cannot be told
-  // from the floor yet.
-  if (to > from && to < max_range) {
+  // from the floor yet. What is seen at the camera's height stands where it is seen.
+  const bool ahead = static_cast<int>(ahead_.size()) >= kAheadRows / 3;
+  if (!ahead && to > from && to < max_range) {
     const double per_row = fb * ray.dn / H;
     const double floor = fb * (ray.n0 + last_row * ray.dn) / H;
     const double doubtful = (tolerance.base + tolerance.slope * floor) / per_row;
     to = floor_range(last_row - 0.5 + doubtful);
   }
   end_floor();
-  // Floor is seen no farther than what stands at the camera's height lets it be seen. The lowest rows of an
-  // obstacle's face differ from the floor by less than the tolerance: floor that seems to reach a little
-  // behind it ends before it. Both by a standard deviation of the distance.
+  // The lowest rows of an obstacle's face differ from the floor by less than the tolerance: floor that seems
+  // to reach a little behind it ends before it, by a standard deviation of the distance.
   const auto cut = [&](double r, double until) {
     const std::uint16_t end = impl::millimetres(r - scan.range_noise * r * r);
     for (std::size_t i = first; i < scan.stretches.size(); ++i) {
@@ -292,17 +303,45 @@ void FloorScanner::walk(View2d<const D> disparity, const RectifiedCamera& camera
     }
   };
   for (const FloorStretch& o : obstacles_) cut(1e-3 * o.from, kOvershoot * 1e-3 * o.from);
-  double limit = std::numeric_limits<double>::infinity();
-  if (static_cast<int>(ahead_.size()) >= kAheadRows / 3) {
+  if (ahead) {
     const auto middle = ahead_.begin() + static_cast<std::ptrdiff_t>(ahead_.size() / 2);
     std::nth_element(ahead_.begin(), middle, ahead_.end());
-    limit = 1.0 / *middle;
-    cut(limit, std::numeric_limits<double>::infinity());
+    limits_[at(index)] = *middle;
   }
-  std::erase_if(scan.stretches, [&](const FloorStretch& s) {
-    return s.bearing == index && (s.to <= s.from || 1e-3 * s.from >= limit);
-  });
+  const auto own = scan.stretches.begin() + static_cast<std::ptrdiff_t>(first);
+  scan.stretches.erase(
+      std::remove_if(own, scan.stretches.end(), [](const FloorStretch& s) { return s.to <= s.from; }),
+      scan.stretches.end());
   scan.stretches.insert(scan.stretches.end(), obstacles_.begin(), obstacles_.end());
+}
+
+inline void FloorScanner::end_below_faces(FloorScan& scan) {
+  // A flat face has an inverse depth that is linear in the column, which goes with the bearing's tangent.
+  const auto column = [&](int ray) { return std::tan(scan.bearing(ray)); };
+  const auto inverse_depth = [&](int ray) { return limits_[at(ray)] / std::cos(scan.bearing(ray)); };
+  hidden_ = limits_;
+  int last = -1;
+  for (int i = 0; i <= scan.bearings; ++i) {
+    if (i < scan.bearings && limits_[at(i)] == 0.0) continue;
+    const bool from = last >= 0, to = i < scan.bearings;
+    for (int k = last + 1; k < i; ++k) {
+      if (from && to) {
+        const double w = (column(k) - column(last)) / (column(i) - column(last));
+        hidden_[at(k)] = std::cos(scan.bearing(k)) * ((1.0 - w) * inverse_depth(last) + w * inverse_depth(i));
+      } else if (from || to) {
+        hidden_[at(k)] = limits_[at(from ? last : i)];
+      }
+    }
+    last = i;
+  }
+  for (FloorStretch& s : scan.stretches) {
+    const double inverse = hidden_[at(s.bearing)];
+    if (s.label != FloorLabel::floor || inverse <= 0.0) continue;
+    const double end = (1.0 - scan.range_noise / inverse) / inverse;
+    s.to = 1e-3 * s.from * inverse >= 1.0 ? s.from : std::min(s.to, impl::millimetres(end));
+  }
+  std::erase_if(scan.stretches,
+                [](const FloorStretch& s) { return s.label == FloorLabel::floor && s.to <= s.from; });
 }
 
 }  // namespace sweepkit
