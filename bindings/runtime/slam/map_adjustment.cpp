@@ -81,10 +81,10 @@ std::vector<PointId> LocalMapper::points_of(const std::vector<KeyframeId>& keyfr
   return points;
 }
 
-MapBundle LocalMapper::bundle_of(const std::vector<KeyframeId>& window,
-                                 const std::vector<KeyframeId>& fixed) const {
+MapBundle LocalMapper::bundle_of(const std::vector<KeyframeId>& window, const std::vector<KeyframeId>& fixed,
+                                 std::vector<PointId>&& points) const {
   MapBundle bundle;
-  bundle.points = points_of(window);
+  bundle.points = std::move(points);
   bundle.keyframes = window;
   bundle.keyframes.insert(bundle.keyframes.end(), fixed.begin(), fixed.end());
   BundleProblem& problem = bundle.problem;
@@ -135,7 +135,7 @@ void LocalMapper::drop_outliers(const MapBundle& bundle) {
 // Variable poses, the points they see, and the other keyframes that see these points, which stay fixed.
 void LocalMapper::adjust(KeyframeId id, const std::atomic<bool>* stop) {
   const std::vector<KeyframeId> window = adjustment_window(id);
-  MapBundle bundle = bundle_of(window, fixed_around(window));
+  MapBundle bundle = bundle_of(window, fixed_around(window), points_of(window));
   BundleProblem& problem = bundle.problem;
   if (std::all_of(problem.fixed.begin(), problem.fixed.end(), [](auto f) { return f != 0; })) return;
   // What a window says of the bias, the next ones say again, and its errors go together: it counts for less.
@@ -164,7 +164,7 @@ GlobalAdjustment LocalMapper::begin_global_adjustment() const {
     if (const Keyframe* keyframe = map_.find(KeyframeId{i}); keyframe && keyframe->map == current_)
       keyframes.push_back(keyframe->id);
   if (!keyframes.empty()) global.t = map_.keyframe(keyframes.back()).t;
-  global.bundle = bundle_of(keyframes, {});
+  global.bundle = bundle_of(keyframes, {}, choose_points(map_, keyframes, view_, options_.global_points));
   return global;
 }
 

@@ -8,6 +8,8 @@
 
 #include "sweepkit/core/ids.hpp"
 #include "sweepkit/core/time.hpp"
+#include "sweepkit/geometry/stereo_rig.hpp"
+#include "sweepkit/map/map.hpp"
 #include "sweepkit/solve/bundle.hpp"
 
 namespace sweepkit {
@@ -21,6 +23,12 @@ struct MapBundle {
   std::vector<std::pair<PointId, KeyframeId>> observed;  ///< by observation
   BundleResult result;
 };
+
+/// The points that tell most about how keyframes stand to each other: those that most keyframes see, but of
+/// each keyframe about `each`, spread over its image in 4 x 4 cells; all where it has no more. Points that
+/// only one of the keyframes sees are left out. Sorted by id; same map, same choice.
+std::vector<PointId> choose_points(const Map& map, const std::vector<KeyframeId>& keyframes,
+                                   const StereoRig::Bounds& view, int each);
 
 /// Bundle adjustment of a whole map.
 struct GlobalAdjustment {

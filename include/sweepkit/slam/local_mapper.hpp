@@ -48,6 +48,7 @@ struct LocalMapperOptions {
   BundleOptions bundle;
   LoopCorrectionOptions loop;
   MapCaps caps;
+  int global_points = 80;
   BundleOptions global_bundle{.robust_iterations = 4, .iterations = 4};
 
   template <class Visitor>
@@ -92,6 +93,8 @@ struct LocalMapperOptions {
     v.group(bundle, "bundle", "local bundle adjustment");
     v.group(caps, "caps", "how large the map may become");
     v.group(loop, "loop", "places known again");
+    v(global_points, "global_points", "points", range(10, 100000),
+      "of each keyframe, about so many hold the whole map together when it is adjusted; others go along");
     v.group(global_bundle, "global_bundle", "bundle adjustment of the whole map after them");
   }
 };
@@ -173,7 +176,8 @@ class LocalMapper {
   std::vector<KeyframeId> adjustment_window(KeyframeId id) const;
   std::vector<KeyframeId> fixed_around(const std::vector<KeyframeId>& window) const;
   std::vector<PointId> points_of(const std::vector<KeyframeId>& keyframes) const;
-  MapBundle bundle_of(const std::vector<KeyframeId>& window, const std::vector<KeyframeId>& fixed) const;
+  MapBundle bundle_of(const std::vector<KeyframeId>& window, const std::vector<KeyframeId>& fixed,
+                      std::vector<PointId>&& points) const;
   void drop_outliers(const MapBundle& bundle);
   void fuse_place(const PlaceMatch& match);
   Mat6<double> odometry_covariance(KeyframeId id) const;

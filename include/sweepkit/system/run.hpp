@@ -32,7 +32,11 @@ struct RunOptions {
   bool localize = false;
   RecordingOptions recording;
   PictureOptions pictures;
-  SweeperOptions sweeper{.history = 0};
+  SweeperOptions sweeper = [] {
+    SweeperOptions all;
+    all.history = 0;
+    return all;
+  }();
 
   template <class Visitor>
   void visit_options(Visitor& v) {
