@@ -321,6 +321,56 @@ TEST_CASE("a mounting learned wrongly gives way to the floor seen for longer") {
   CHECK(estimator.mounting().height == Approx(kFloor.height));
 }
 
+TEST_CASE("put down with a tilt that motion told wrongly, the robot finds the floor again") {
+  GroundPlaneEstimator estimator = settled();
+  GroundPlaneStep step;
+  step.motion.emplace();
+  step.motion->covariance = 1e-8 * Mat6<double>::Identity();
+  step.motion->covariance.topLeftCorner<3, 3>() = Mat3<double>::Identity();  // a gyro alone
+  step.motion->T_now_before = SE3d(SO3d::exp({-8.0 * kDegree, 0, 0}), Vec3<double>::Zero());
+  CHECK_FALSE(estimator.estimate(View2d<const float>(), step).measured());
+  step.motion->T_now_before = SE3d();
+  const FloorImage floor = bare_floor();
+  GroundPlaneResult result;
+  for (int i = 0; i < 12; ++i) {
+    result = estimator.estimate(floor.view(), step);
+    // Nothing is believed at once: the robot may tilt and see a wall.
+    if (i < 5) CHECK_FALSE(result.measured());
+  }
+  CHECK(result.measured());
+  check_plane(result, kFloor, 0.1, 0.5);
+}
+
+TEST_CASE("of two floors the one that calibration expects is believed sooner") {
+  const auto floor_at = [](double height) {
+    GroundPlane plane = kFloor;
+    plane.height += height;
+    FloorImage image;
+    image.add_plane(plane);
+    return image;
+  };
+  SECTION("seen second, it needs less time than the first had") {
+    GroundPlane expected = kFloor;
+    expected.height += 0.0015;
+    GroundPlaneEstimator estimator(kFloorCamera, seed_of(expected));
+    const FloorImage lower = floor_at(0.0055), floor = bare_floor();
+    for (int i = 0; i < 40; ++i) estimator.estimate(lower.view());
+    CHECK(estimator.mounting().height > kFloor.height + 0.003);
+    for (int i = 0; i < 15; ++i) estimator.estimate(floor.view());
+    const GroundPlaneResult result = estimator.estimate(floor.view());
+    CHECK(result.measured());
+    check_plane(result, kFloor, 0.1, 1.0);
+  }
+  SECTION("seen first, it outlasts a carpet that fills the view for longer") {
+    GroundPlaneEstimator estimator = settled();
+    const FloorImage carpet = floor_at(-0.004);
+    GroundPlaneResult result;
+    for (int i = 0; i < 60; ++i) result = estimator.estimate(carpet.view());
+    CHECK(result.state == GroundPlaneState::refused);
+    check_plane(result, kFloor, 0.1, 0.5);
+  }
+}
+
 TEST_CASE("wrong use is named") {
   const GroundPlaneSeed seed = seed_of(kFloor);
   GroundPlaneOptions options;

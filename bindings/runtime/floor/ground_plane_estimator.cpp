@@ -6,6 +6,7 @@
 #include <Eigen/LU>
 #include <cmath>
 #include <numbers>
+#include <optional>
 #include <vector>
 
 #include "ground_plane_fit.hpp"
@@ -97,6 +98,7 @@ struct GroundPlaneEstimator::State {
   double rival_support = 0.0;
   impl::FloorSamples samples;
   impl::SurfaceFinder finder;
+  std::optional<impl::Surface> contradiction;  // that the image shows instead of the floor
 
   void reset();
   Vec3<double> slope() const { return x.head<3>() + x.segment<3>(kTilt); }
@@ -143,6 +145,8 @@ struct GroundPlaneEstimator::State {
   bool fixes(const impl::Surface& surface) const;
   Mat3<double> noise_of(const impl::Surface& surface) const;
   double distance(const impl::Surface& surface, const Vec3<double>& s, const Mat3<double>& covariance) const;
+  template <class T>
+  GroundPlaneResult look(View2d<const T> disparity, double seconds);
   void measure(GroundPlaneResult& result, double seconds);
   void learn_rival(const impl::Surface& surface, double seconds);
 };
@@ -299,32 +303,18 @@ void GroundPlaneEstimator::State::measure(GroundPlaneResult& result, double seco
   const std::vector<impl::Surface>& surfaces =
       finder.find(samples, prior, {options.disparity_noise, options.hypotheses, options.min_pixels, 3});
 
-  // Of the surfaces that are large enough and agree with what is known the one nearest to the robot. Where
-  // none has agreed with the tilt for long, motion may have told it wrongly: the robot was put down
-  // elsewhere.
+  // Of the surfaces that are large enough and agree with what is known the one nearest to the robot.
   const Eigen::Matrix<double, 3, kStates> H = seen_by_image();
   const impl::Surface *floor = nullptr, *largest = nullptr;
-  const auto choose = [&] {
-    const Vec3<double> expected = H * x;
-    const Mat3<double> covariance = H * P * H.transpose();
-    for (const impl::Surface& surface : surfaces)
-      if (fixes(surface) && surface.inliers >= options.min_share * static_cast<double>(samples.size()) &&
-          distance(surface, expected, covariance) < options.consistency &&
-          (!floor || surface.disparity > floor->disparity))
-        floor = &surface;
-  };
-  for (const impl::Surface& surface : surfaces)
-    if (fixes(surface) && (!largest || surface.inliers > largest->inliers)) largest = &surface;
-  choose();
-  if (!floor && largest && unseen > options.settle_time) {
-    const StateVector x_tilted = x;
-    const StateMatrix P_tilted = P;
-    forget_tilt();
-    choose();
-    if (!floor) {
-      x = x_tilted;
-      P = P_tilted;
-    }
+  const Vec3<double> expected = H * x;
+  const Mat3<double> covariance = H * P * H.transpose();
+  for (const impl::Surface& surface : surfaces) {
+    if (!fixes(surface)) continue;
+    if (!largest || surface.inliers > largest->inliers) largest = &surface;
+    if (surface.inliers >= options.min_share * static_cast<double>(samples.size()) &&
+        distance(surface, expected, covariance) < options.consistency &&
+        (!floor || surface.disparity > floor->disparity))
+      floor = &surface;
   }
   if (!largest)
     return stop(GroundPlaneState::predicted,
@@ -333,7 +323,7 @@ void GroundPlaneEstimator::State::measure(GroundPlaneResult& result, double seco
   result.inliers = shown.inliers;
   result.noise = shown.noise;
   if (!floor) {
-    learn_rival(*largest, seconds);
+    contradiction = *largest;
     return stop(GroundPlaneState::refused, GroundPlaneReason::contradiction);
   }
   update<3>(H, floor->seen - H * x, noise_of(*floor));
@@ -358,12 +348,30 @@ void GroundPlaneEstimator::State::learn_rival(const impl::Surface& surface, doub
       rival_support = seconds;
     }
   }
-  if (rival_support <= support) return;
+  // How much better the rival agrees with calibration counts as much as views of it, each of which lasts.
+  const Mat3<double> covariance = seed_covariance() + ride() + view();
+  const auto off = [&](const Vec3<double>& slope) {
+    return (slope - s).dot(covariance.ldlt().solve(slope - s));
+  };
+  const double prior = 0.5 * (off(x.head<3>()) - off(rival)) * options.view_time;
+  if (rival_support + prior <= support) return;
   reset();
   x.head<3>() = rival;
   P.topLeftCorner<3, 3>() = ride() + view_covariance() + noise_of(surface);
   support = rival_support;
   rival_support = 0.0;
+}
+
+template <class T>
+GroundPlaneResult GroundPlaneEstimator::State::look(View2d<const T> disparity, double seconds) {
+  GroundPlaneResult result;
+  result.pixels = collect(disparity);
+  if (result.pixels < options.min_pixels) {
+    result.reason = GroundPlaneReason::no_disparity;
+  } else {
+    measure(result, seconds);
+  }
+  return result;
 }
 
 template <class T>
@@ -381,13 +389,23 @@ GroundPlaneResult GroundPlaneEstimator::State::estimate(View2d<const T> disparit
             "must be a direction", norm);
   }
   const bool standing = predict(step);
-  GroundPlaneResult result;
-  result.pixels = collect(disparity);
-  if (result.pixels < options.min_pixels) {
-    result.reason = GroundPlaneReason::no_disparity;
-  } else {
-    measure(result, step.seconds);
+  contradiction.reset();
+  GroundPlaneResult result = look(disparity, step.seconds);
+  const double tilt = x.head<3>().normalized().cross(slope().normalized()).norm();
+  if (standing && !result.measured() && unseen > options.settle_time && tilt > options.ride_angle * kDegree) {
+    // Motion may have told the tilt wrongly: the robot was lifted and put down elsewhere.
+    const StateVector x_tilted = x;
+    const StateMatrix P_tilted = P;
+    forget_tilt();
+    const GroundPlaneResult level = look(disparity, step.seconds);
+    if (level.measured()) {
+      result = level;
+    } else {
+      x = x_tilted;
+      P = P_tilted;
+    }
   }
+  if (result.state == GroundPlaneState::refused) learn_rival(*contradiction, step.seconds);
   if (!standing && !result.measured()) {
     result.state = GroundPlaneState::predicted;
     result.reason = GroundPlaneReason::lifted;
