@@ -67,6 +67,8 @@ void bind_things(py::module_& m) {
       .def_readonly("box", &Obstacle::box, "In the frame of the floor below the camera.")
       .def_readonly("distance", &Obstacle::distance, "Along the floor to its nearest part [m].")
       .def_readonly("pixels", &Obstacle::pixels)
+      .def_readonly("clear", &Obstacle::clear,
+                    "Whether the images show it beyond doubt; only such sightings confirm it.")
       .def_property_readonly(
           "image",
           [](const Obstacle& o) {

@@ -103,6 +103,30 @@ TEST_CASE("two things near each other keep their ids") {
   CHECK(watch.tracker.tracked()[0].id == 3);
 }
 
+TEST_CASE("faint sightings keep a thing but never confirm it") {
+  Watch watch;
+  watch.world.far_wall = 10;
+  watch.world.boxes = {standing(0.9, 0.05, 0.06, 0.1, 0.06)};
+  const Image<float> disparities = watch.world.disparities(0.1);
+  const GrayImage mask = watch.world.mask(disparities);
+  std::vector<Obstacle> found = watch.finder.find(std::as_const(disparities).view(), mask.view(),
+                                                  watch.world.camera, watch.world.plane);
+  REQUIRE(found.size() == 1);
+  const auto look = [&](bool clear) {
+    found[0].clear = clear;
+    watch.tracker.update(watch.t += kStep, found, std::as_const(disparities).view(), watch.world.camera,
+                         watch.world.plane, floor_frame(watch.world.plane));
+    REQUIRE(watch.tracker.tracked().size() == 1);
+    return watch.tracker.tracked()[0];
+  };
+  for (int i = 0; i < 30; ++i) CHECK_FALSE(look(false).confirmed);
+  CHECK(look(false).log_odds == 0);
+  CHECK(look(false).hits == 32);
+  for (int i = 0; i < 2; ++i) CHECK_FALSE(look(true).confirmed);
+  CHECK(look(true).confirmed);
+  CHECK(look(false).log_odds == look(false).log_odds);
+}
+
 TEST_CASE("options of the tracker are checked") {
   ObstacleTrackerOptions options;
   options.hit = -1;

@@ -263,6 +263,113 @@ TEST_CASE("the images themselves refute a thing that is none") {
             .empty());
 }
 
+TEST_CASE("no hole is found where the right image does not reach the floor") {
+  World world;
+  world.far_wall = 10;
+  Image<float> disparities = world.disparities();
+  const FloorDisparity floor = world.plane.disparity(world.camera);
+  const auto sink = [&](int first, int count) {
+    for (int v = 150; v < 175; ++v)
+      for (int u = first; u < first + count; ++u) disparities(u, v) = 0.5f * static_cast<float>(floor(u, v));
+  };
+  // At the left the floor's partner lies left of the right image; what is found there is by chance.
+  sink(3, 38);
+  CHECK(floor(40, 150) > 40);
+  CHECK(found_in(world, disparities).empty());
+  sink(150, 38);
+  const auto found = found_in(world, disparities);
+  REQUIRE(found.size() == 1);
+  CHECK(found[0].kind == ObstacleKind::hole);
+  CHECK(found[0].image.u_min >= 150);
+}
+
+namespace {
+
+/// A pair of images of one edge, with a disparity for all of it: the pixels around the edge are claimed to
+/// stand on the floor of the world.
+struct Edge {
+  World world;
+  GrayImage left{320, 200}, right{320, 200};
+  Image<float> claimed;
+
+  /// @param rise rows that the edge rises in a column @param rows by which the right image lies lower
+  /// @param truth, claim disparities of the edge beyond those of the floor [px]
+  Edge(double rise, double rows, double truth, double claim) {
+    world.far_wall = 10;
+    claimed = world.disparities();
+    const double band = 3 * std::hypot(1.0, rise);
+    const FloorDisparity floor = world.plane.disparity(world.camera);
+    const auto shade = [&](double u, double v) {
+      return static_cast<std::uint8_t>(
+          std::lround(120 + 100 * std::tanh((v - 107 + rise * (u - 165)) / 1.5)));
+    };
+    for (int v = 0; v < 200; ++v)
+      for (int u = 0; u < 320; ++u) {
+        left(u, v) = shade(u, v);
+        right(u, v) = shade(u + floor(165, v) + truth, v + rows);
+        if (std::abs(u - 165) < 25 && std::abs(v - 107) < 8 && std::abs(v - 107 + rise * (u - 165)) < band)
+          claimed(u, v) = static_cast<float>(floor(165, v) + claim);
+      }
+  }
+  std::vector<Obstacle> find(bool with_images, const FloorDoubt& doubt = {}) const {
+    const GrayImage mask = world.mask(claimed);
+    ObstacleFinder finder;
+    if (!with_images) return finder.find(claimed.view(), mask.view(), world.camera, world.plane);
+    return finder.find(claimed.view(), mask.view(), world.camera, world.plane, left.view(), right.view(),
+                       doubt);
+  }
+};
+
+}  // namespace
+
+TEST_CASE("a level edge is no obstacle, whatever disparity fits it best") {
+  // On the floor, in images whose rows do not meet exactly: a disparity that is wrong by rows / rise fits.
+  const double rise = 1.0 / 30;
+  for (const double rows : {0.1, 0.2, 0.35}) {
+    const Edge edge(rise, rows, 0.0, rows / rise);
+    CAPTURE(rows);
+    if (rows > 0.15) CHECK(edge.find(false).size() == 1);
+    if (rows < 0.3) CHECK(edge.find(true).empty());
+    for (const Obstacle& o : edge.find(true)) CHECK_FALSE(o.clear);
+  }
+  // Too high by 8 px: the images say so, but its edge alone is not beyond doubt.
+  const Edge level(rise, 0.0, 8.0, 8.0);
+  for (const Obstacle& o : level.find(true)) CHECK_FALSE(o.clear);
+}
+
+TEST_CASE("what would not stand out of a floor a little off its plane is not clear") {
+  const World world;
+  const Edge upright(1.5, 0.0, 8.0, 8.0);
+  const auto sure = upright.find(true);
+  REQUIRE(sure.size() == 1);
+  CHECK(sure[0].clear);
+  // Three standard deviations of the tilt lift the floor by 6 px, and a carpet by more than 8.
+  const double tilt = 2 * world.plane.height / (world.camera.focal * world.camera.baseline);
+  const auto unsure = upright.find(true, {tilt, false});
+  REQUIRE(unsure.size() == 1);
+  CHECK_FALSE(unsure[0].clear);
+  CHECK(unsure[0].pixels == sure[0].pixels);
+}
+
+TEST_CASE("a hole is not clear where the image contradicts the plane") {
+  World world;
+  world.far_wall = 10;
+  world.pits = {{{0.4, -0.1}, {0.7, 0.1}, 0.06}};
+  const Image<float> disparities = world.disparities();
+  const GrayImage mask = world.mask(disparities);
+  ObstacleFinder finder;
+  const auto clear = [&](const FloorDoubt& doubt) {
+    const auto& found =
+        finder.find(disparities.view(), mask.view(), world.camera, world.plane, {}, {}, doubt);
+    REQUIRE(found.size() == 1);
+    REQUIRE(found[0].kind == ObstacleKind::hole);
+    return found[0].clear;
+  };
+  CHECK(clear({}));
+  CHECK(clear({0.005, false}));
+  CHECK_FALSE(clear({0.0, true}));
+}
+
 TEST_CASE("wrong sizes and options are refused") {
   World world;
   const Image<float> disparities = world.disparities();

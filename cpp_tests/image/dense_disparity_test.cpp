@@ -132,6 +132,36 @@ TEST_CASE("A floor is matched better when it is expected, and what is not there 
   }
 }
 
+TEST_CASE("Near disparities go on to twice as many and leave the others alone") {
+  const DisparityMethod method = GENERATE(DisparityMethod::sgbm, DisparityMethod::sgbm_3way);
+  DisparityOptions options = options_of(method), near = options;
+  near.near = true;
+  DenseMatcher plain(options), twice(near);
+  const auto close = [](int) { return 95.0; };
+  const Pair pair = textured(close);
+  const Outcome outcome = compare(twice.match(pair.left, pair.right), close);
+  CHECK(outcome.density > 0.8);
+  CHECK(std::abs(outcome.median) < 0.25);
+  CHECK(outcome.spread < 0.5);
+  // Farther ones are those of the whole images.
+  const auto far = [](int) { return 20.5; };
+  const Pair other = textured(far);
+  Image<std::int16_t> expected;
+  expected.assign(plain.match(other.left, other.right));
+  const DisparityView found = twice.match(other.left, other.right);
+  int differ = 0;
+  for (int v = 0; v < kHeight; ++v)
+    for (int u = 0; u < kWidth; ++u) differ += found(u, v) != expected(u, v);
+  CHECK(differ < kWidth * kHeight / 1000);
+  // And relative to a ramp.
+  const DisparityRamp ramp{-20, 0.5};
+  const auto above = [](int v) { return std::max(0.0, -20 + 0.5 * v) + 90; };
+  const Pair sloped = textured(above);
+  const Outcome lifted = compare(twice.match(sloped.left, sloped.right, ramp), above);
+  CHECK(lifted.density > 0.7);
+  CHECK(std::abs(lifted.median) < 0.4);
+}
+
 TEST_CASE("The left columns are matched as far as the right image reaches") {
   const auto truth = [](int) { return 6.0; };
   const Pair pair = textured(truth);

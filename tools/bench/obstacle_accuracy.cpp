@@ -13,7 +13,9 @@
 // obstacles whose depth there is right to 10 %, and found apart if one obstacle has most of its pixels on it.
 // A false alarm is an obstacle of which more than half the pixels show floor or carpet, or any hole: there
 // are none. What a user is told of are things that are confirmed: `reported` counts each of them once (by its
-// id) that was a false alarm in at least one image while it was confirmed.
+// id) that was a false alarm in at least one image while it was confirmed. `clear` are those whose image
+// shows them beyond doubt (Obstacle::clear). `told of` are objects 2 cm or higher that count within 1 m in at
+// least kTold images, of which one or more of the found pixels belonged to a confirmed thing in one of them.
 
 #include <fmt/format.h>
 #include <yaml-cpp/yaml.h>
@@ -51,6 +53,7 @@ constexpr double kFlat = 0.013;      // floor: lower than sills [m]
 constexpr int kMargin = 3;           // by which matching smears edges [px]
 constexpr int kVisible = 60;         // [px]
 constexpr int kFound = 10;           // [px]
+constexpr int kTold = 5;             // images
 constexpr double kDepthShare = 0.1;
 constexpr std::array<double, 2> kRanges{1.0, 2.0};
 constexpr std::array<double, 7> kDistances{0.0, 0.3, 0.5, 0.75, 1.0, 1.5, 2.0};
@@ -64,7 +67,7 @@ struct TrueObject {
 };
 
 struct Tally {
-  int count = 0, found = 0, apart = 0;
+  int count = 0, found = 0, apart = 0, clear = 0;
 };
 
 struct PixelTally {
@@ -74,8 +77,14 @@ struct PixelTally {
 struct Counts {
   int frames = 0, frames_with_alarm[2] = {0, 0}, frames_with_confirmed = 0;
   int alarms[2] = {0, 0}, holes[2] = {0, 0}, confirmed = 0;
+  int clear_alarms = 0, frames_with_clear = 0;
   int images = 0;  // seen by the detector, with truth or without
   std::set<std::pair<std::string, std::int64_t>> reported, reported_near;
+  struct Nearby {
+    int images = 0;
+    bool told = false;
+  };
+  std::map<std::pair<std::string, std::size_t>, Nearby> nearby;  // objects within 1 m
   std::array<std::array<Tally, kDistances.size()>, kHeights.size()> table{};
   std::map<std::string, std::array<Tally, 2>> classes;
   std::array<PixelTally, 2> pixels{};
@@ -231,7 +240,7 @@ void compare(const ObstacleFrame& frame, const Truth& truth, const std::vector<T
   const std::size_t n = frame.obstacles.size();
   std::vector<int> flat(n, 0), all(n, 0);
   struct Seen {
-    int visible = 0, hit = 0;
+    int visible = 0, hit = 0, clear = 0;
     double distance = 1e9;
     std::map<int, int> by_region;
   };
@@ -265,16 +274,18 @@ void compare(const ObstacleFrame& frame, const Truth& truth, const std::vector<T
         s.distance = std::min(s.distance, (T_floor_camera * p).head<2>().norm());
         if (obstacle && std::abs(measured - z) < kDepthShare * z) {
           ++s.hit;
+          s.clear += frame.obstacles[static_cast<std::size_t>(region - 1)].clear;
           ++s.by_region[region];
         }
       }
     }
   std::vector<std::size_t> wrong;
-  bool alarm[2] = {false, false}, confirmed = false;
+  bool alarm[2] = {false, false}, confirmed = false, clear = false;
   for (std::size_t k = 0; k < n; ++k) {
     const Obstacle& o = frame.obstacles[k];
     if (o.kind == ObstacleKind::obstacle && 2 * flat[k] <= all[k]) continue;
     wrong.push_back(k);
+    if (o.clear) ++counts.clear_alarms, clear = true;
     for (int r = 0; r < 2; ++r)
       if (o.distance <= (r == 0 ? 1.0 : 10.0)) {
         ++(o.kind == ObstacleKind::hole ? counts.holes[r] : counts.alarms[r]);
@@ -290,6 +301,7 @@ void compare(const ObstacleFrame& frame, const Truth& truth, const std::vector<T
   ++counts.frames;
   for (int r = 0; r < 2; ++r) counts.frames_with_alarm[r] += alarm[r];
   counts.frames_with_confirmed += confirmed;
+  counts.frames_with_clear += clear;
   std::string missed;
   for (std::size_t i = 0; i < objects.size(); ++i) {
     const Seen& s = seen[i];
@@ -307,7 +319,18 @@ void compare(const ObstacleFrame& frame, const Truth& truth, const std::vector<T
     std::vector<Tally*> tallies{&counts.table[row][column]};
     if (s.distance <= 1.0)
       tallies.push_back(&counts.classes[std::string(objects[i].name)][top >= kHeights[1] ? 0 : 1]);
-    for (Tally* t : tallies) ++t->count, t->found += found, t->apart += apart;
+    for (Tally* t : tallies) {
+      ++t->count;
+      t->found += found;
+      t->apart += apart;
+      t->clear += s.clear >= kFound;
+    }
+    if (s.distance <= 1.0 && top >= kHeights[1]) {
+      Counts::Nearby& nearby = counts.nearby[{folder, i}];
+      ++nearby.images;
+      for (const auto& [region, count] : s.by_region)
+        nearby.told = nearby.told || is_confirmed(frame, static_cast<std::size_t>(region - 1));
+    }
     if (!found && s.distance <= 1.0 && top >= kHeights[1])
       missed += fmt::format("{} {:.0f} mm at {:.2f} m, {} of {} px; ", objects[i].name, 1000 * top,
                             s.distance, s.hit, s.visible);
@@ -380,10 +403,12 @@ void print(const Counts& c) {
       c.frames, c.images, quantile(c.ms, 0.5), quantile(c.pitch_deg, 0.95), quantile(c.height_mm, 0.95));
   fmt::print(
       "false alarms: within 1 m {} obstacles, {} holes in {} frames; all {} obstacles, {} holes in {} "
-      "frames; confirmed {} in {} frames\nreported false alarms (things confirmed): {}, of them {} within 1 "
+      "frames; clear {} in {} frames; confirmed {} in {} "
+      "frames\nreported false alarms (things confirmed): {}, of them {} within 1 "
       "m\n",
       c.alarms[0], c.holes[0], c.frames_with_alarm[0], c.alarms[1], c.holes[1], c.frames_with_alarm[1],
-      c.confirmed, c.frames_with_confirmed, c.reported.size(), c.reported_near.size());
+      c.clear_alarms, c.frames_with_clear, c.confirmed, c.frames_with_confirmed, c.reported.size(),
+      c.reported_near.size());
   for (std::size_t r = 0; r < kRanges.size(); ++r) {
     const PixelTally& p = c.pixels[r];
     if (p.truth > 0)
@@ -403,9 +428,14 @@ void print(const Counts& c) {
   Tally sum;
   for (std::size_t h = 1; h + 1 < kHeights.size(); ++h)
     for (std::size_t k = 0; k < 4; ++k)
-      sum.count += c.table[h][k].count, sum.found += c.table[h][k].found, sum.apart += c.table[h][k].apart;
-  fmt::print("\n2 cm or higher, within 1 m: {} of {} found ({:.2f} %), {} apart\n", sum.found, sum.count,
-             100.0 * sum.found / std::max(sum.count, 1), sum.apart);
+      sum.count += c.table[h][k].count, sum.found += c.table[h][k].found, sum.apart += c.table[h][k].apart,
+          sum.clear += c.table[h][k].clear;
+  fmt::print("\n2 cm or higher, within 1 m: {} of {} found ({:.2f} %), {} apart, {} clear\n", sum.found,
+             sum.count, 100.0 * sum.found / std::max(sum.count, 1), sum.apart, sum.clear);
+  int objects = 0, told = 0;
+  for (const auto& [key, nearby] : c.nearby)
+    if (nearby.images >= kTold) ++objects, told += nearby.told;
+  fmt::print("told of: {} of {} such objects seen in at least {} images\n", told, objects, kTold);
   for (const int low : {0, 1}) {
     fmt::print("classes {} 2 cm, within 1 m:", low ? "below" : "from");
     for (const auto& [name, tallies] : c.classes)

@@ -2,7 +2,9 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "sweepkit/floor/obstacle_detector.hpp"
 
+#include <algorithm>
 #include <chrono>
+#include <cmath>
 #include <utility>
 
 #include "sweepkit/core/error.hpp"
@@ -97,8 +99,11 @@ const ObstacleFrame& ObstacleDetector::detect(TimeNs t, GrayView left, GrayView 
   frame.mask = std::as_const(s.mask).view();
   frame.times.mask = lap();
 
+  const Mat3<double>& covariance = frame.plane.covariance;
+  const FloorDoubt doubt{std::sqrt(std::max(covariance(0, 0), covariance(1, 1))),
+                         frame.plane.state == GroundPlaneState::refused};
   frame.obstacles = s.finder.find(frame.disparity, frame.mask, camera, frame.plane.plane, frame.left,
-                                  s.stereo.rectifier().image(Side::right));
+                                  s.stereo.rectifier().image(Side::right), doubt);
   frame.regions = s.finder.regions();
   if (pose.T_odom_camera && !lifted)
     s.tracker.update(t, frame.obstacles, frame.disparity, camera, frame.plane.plane, *pose.T_odom_camera);

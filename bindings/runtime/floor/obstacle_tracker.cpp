@@ -71,7 +71,8 @@ void ObstacleTracker::update(TimeNs t, std::span<const Obstacle> obstacles, View
 
   // Pairs by their distance, the nearest first; what ties is settled by age and nearness to the robot.
   std::vector<std::tuple<double, std::size_t, std::size_t>> pairs;
-  std::vector<bool> seen(tracked_.size(), false), known(obstacles.size(), false);
+  std::vector<bool> seen(tracked_.size(), false), clear(tracked_.size(), false),
+      known(obstacles.size(), false);
   for (std::size_t i = 0; i < tracked_.size(); ++i) {
     tracked_[i].last = -1;
     for (std::size_t k = 0; k < obstacles.size(); ++k) {
@@ -79,6 +80,7 @@ void ObstacleTracker::update(TimeNs t, std::span<const Obstacle> obstacles, View
       const double apart = gap(tracked_[i].box, boxes[k]);
       if (apart > options_.gate + options_.gate_share * obstacles[k].distance) continue;
       seen[i] = known[k] = true;
+      if (obstacles[k].clear) clear[i] = true;
       pairs.emplace_back((T_world_camera * obstacles[k].p_camera - tracked_[i].p_world).norm(), i, k);
     }
   }
@@ -103,7 +105,7 @@ void ObstacleTracker::update(TimeNs t, std::span<const Obstacle> obstacles, View
   for (std::size_t i = 0; i < tracked_.size(); ++i) {
     TrackedObstacle& thing = tracked_[i];
     if (seen[i]) {
-      thing.log_odds = std::min(thing.log_odds + options_.hit, options_.most);
+      if (clear[i]) thing.log_odds = std::min(thing.log_odds + options_.hit, options_.most);
       ++thing.hits;
       thing.last_seen = t;
     } else if (is_gone(thing, disparity, camera, T_camera_world, options_.max_range)) {
@@ -122,7 +124,7 @@ void ObstacleTracker::update(TimeNs t, std::span<const Obstacle> obstacles, View
     thing.p_world = T_world_camera * obstacles[k].p_camera;
     thing.covariance = R * obstacles[k].covariance * R.transpose();
     thing.box = boxes[k];
-    thing.log_odds = std::min(options_.hit, options_.most);
+    thing.log_odds = obstacles[k].clear ? std::min(options_.hit, options_.most) : 0.0;
     thing.confirmed = thing.log_odds >= options_.confirm;
     thing.hits = 1;
     thing.first_seen = thing.last_seen = t;

@@ -20,6 +20,8 @@ constexpr double kPi = std::numbers::pi;
 constexpr double kPixelSigma = 0.5;  // of a thing's place in the image [px]
 constexpr double kTail = 0.02;       // of a thing's points are left out at each side of its box
 constexpr double kTopShare = 0.9;    // see ObstacleOptions::min_top
+constexpr double kTiltFactor = 3;    // standard deviations of the floor's tilt that may be
+constexpr float kSeen = 4;           // a window whose pixel is so far inside the right image is inside [px]
 constexpr std::size_t kMostOrder = std::numeric_limits<std::uint16_t>::max() - 1;
 
 /// The value below which a share of the values lies; reorders them.
@@ -54,6 +56,30 @@ float difference(GrayView left, GrayView right, int u, int v, float disparity, i
     }
   }
   return (square - sum * sum / kCount) / kCount;
+}
+
+/// Sums of the squares of an image's differences along the rows and across them, over a window.
+Vec2<double> steepness(GrayView image, int u, int v) {
+  constexpr int kReach = 2;
+  Vec2<double> sum = Vec2<double>::Zero();
+  for (int y = std::max(v - kReach, 1); y <= std::min(v + kReach, image.height - 2); ++y)
+    for (int x = std::max(u - kReach, 1); x <= std::min(u + kReach, image.width - 2); ++x) {
+      const double along = image(x + 1, y) - image(x - 1, y), across = image(x, y + 1) - image(x, y - 1);
+      sum += Vec2<double>(along * along, across * across);
+    }
+  return sum;
+}
+
+/// The least of a parabola through the values at -1/2, 0 and 1/2, looked for up to kReach; not negative.
+/// Rows of both images never meet exactly, and along an edge that runs nearly level a part of a row is worth
+/// any disparity.
+template <class T>
+T least_over_rows(const std::array<T, 3>& values) {
+  constexpr T kReach = T(0.75);
+  const T slope = values[2] - values[0], curvature = 2 * (values[2] + values[0] - 2 * values[1]);
+  if (!(curvature > 0)) return *std::min_element(values.begin(), values.end());
+  const T at = std::clamp(-slope / (2 * curvature), -kReach, kReach);
+  return std::max(values[1] + at * (slope + at * curvature), T(0));
 }
 
 double half_turn(double angle) {
@@ -127,8 +153,10 @@ void ObstacleFinder::link(View2d<const D> disparity, GrayView mask, ObstacleKind
       const float d = static_cast<float>(row[u]) * kDisparityUnit<D>;
       const float f = floor_at_zero + along_u * static_cast<float>(u);
       const float height = h * (1 - f / d);
-      if (kind == ObstacleKind::hole ? !(height <= deep && f >= farthest)
-                                     : !(height >= low && height <= high && d >= farthest))
+      // Where the floor's partner is outside the right image it cannot be found, but others by chance.
+      if (kind == ObstacleKind::hole
+              ? !(height <= deep && f >= farthest && static_cast<float>(u) - f >= kSeen)
+              : !(height >= low && height <= high && d >= farthest))
         continue;
       const auto node = static_cast<std::int32_t>(parents_.size());
       parents_.push_back(node);
@@ -178,37 +206,68 @@ void ObstacleFinder::take_things(ObstacleKind kind) {
   }
 }
 
-bool ObstacleFinder::contradicts_floor(const std::vector<Pixel>& pixels, ObstacleKind kind) const {
-  if (left_.empty()) return true;
-  constexpr std::size_t kMost = 200;  // pixels that are tested
-  constexpr int kLevels = 4;          // surfaces without interest
-  // Along an edge that runs nearly level, half a pixel between the rows of both images is worth any
-  // disparity.
-  constexpr int kShifts = 3;
-  const double highest = kind == ObstacleKind::hole ? -options_.hole_depth : options_.min_height;
+ObstacleFinder::Evidence ObstacleFinder::evidence(const std::vector<Pixel>& pixels, ObstacleKind kind) const {
+  if (left_.empty()) return Evidence::clear;
+  constexpr std::size_t kMost = 200;    // pixels that are tested
+  constexpr double kLeastShare = 0.25;  // of them that must have the floor's partner in the right image
+  // Surfaces without interest, and those that would be if the floor lay off its plane by the margin: part of
+  // the height, and part of the margin.
+  constexpr std::size_t kInner = 4, kMostLevels = 16;
+  constexpr double kStep = 0.5;  // px
+  const auto steps = static_cast<std::size_t>(
+      std::clamp(std::ceil(margin_ / kStep), 1.0, static_cast<double>(kMostLevels - kInner - 2)));
+  const std::size_t levels = kInner + 2 + steps;
+  std::array<std::pair<double, double>, kMostLevels> level{{{0, 0}, {0.25, 0}, {0.5, 0}, {0.75, 0}, {0, -1}}};
+  for (std::size_t k = 0; k <= steps; ++k)
+    level[kInner + 1 + k] = {1.0, static_cast<double>(k) / static_cast<double>(steps)};
+  const bool hole = kind == ObstacleKind::hole;
+  const double highest = hole ? -options_.hole_depth : options_.min_height;
   const std::size_t stride = (pixels.size() + kMost - 1) / kMost;
   // Noise of both images.
   const double noise = 2 * options_.image_noise * options_.image_noise;
   double measured = 0;
-  std::array<double, kLevels * kShifts> flat{};
+  Vec2<double> steep = Vec2<double>::Zero();
+  std::size_t tried = 0, complete = 0;
+  std::array<double, kMostLevels> flat{};                 // the rows chosen for each pixel
+  std::array<std::array<double, 3>, kMostLevels> rows{};  // for all together
   for (std::size_t i = 0; i < pixels.size(); i += stride) {
     const Pixel& p = pixels[i];
     const float own = difference(left_, right_, p.u, p.v, p.disparity);
     if (own < 0) continue;
-    std::array<float, kLevels * kShifts> other;
-    bool complete = true;
-    for (int k = 0; k < kLevels * kShifts; ++k) {
-      const double height = highest * (k / kShifts) / kLevels;
-      const double d = floor_(p.u, p.v) * plane_.height / (plane_.height - height);
-      const float value = difference(left_, right_, p.u, p.v, static_cast<float>(d), k % kShifts - 1);
-      complete = complete && value >= 0;
-      other[static_cast<std::size_t>(k)] = value;
+    ++tried;
+    std::array<std::array<float, 3>, kMostLevels> other;
+    bool inside = true;
+    for (std::size_t k = 0; k < levels && inside; ++k) {
+      const double d = floor_(p.u, p.v) * plane_.height / (plane_.height - highest * level[k].first) +
+                       (hole ? -margin_ : margin_) * level[k].second;
+      for (int j = -1; j <= 1; ++j) {
+        float& value = other[k][static_cast<std::size_t>(j + 1)];
+        value = difference(left_, right_, p.u, p.v, static_cast<float>(d), j);
+        inside = inside && value >= 0;
+      }
     }
-    if (!complete) continue;
+    if (!inside) continue;
+    ++complete;
     measured += own + noise;
-    for (std::size_t k = 0; k < flat.size(); ++k) flat[k] += other[k] + noise;
+    steep += steepness(left_, p.u, p.v);
+    for (std::size_t k = 0; k < levels; ++k) {
+      flat[k] += least_over_rows(other[k]) + noise;
+      for (std::size_t j = 0; j < 3; ++j) rows[k][j] += other[k][j] + noise;
+    }
   }
-  return measured <= options_.likeness * *std::min_element(flat.begin(), flat.end());
+  // Without the floor's partner nothing tells what stands on it from the floor.
+  if (complete == 0 || static_cast<double>(complete) < kLeastShare * static_cast<double>(tried))
+    return hole ? Evidence::none : Evidence::faint;
+  double inner = std::numeric_limits<double>::infinity(), all = inner;
+  for (std::size_t k = 0; k < levels; ++k) {
+    if (k < kInner) inner = std::min(inner, least_over_rows(rows[k]));
+    all = std::min(all, flat[k]);
+  }
+  if (measured > options_.likeness * inner) return Evidence::none;
+  // Where all edges run nearly level, a quarter of a row is worth a pixel of disparity and more.
+  const double least = std::tan(options_.clear_angle * kPi / 180);
+  const bool upright = steep.x() >= least * least * steep.y();
+  return upright && measured <= options_.likeness * all ? Evidence::clear : Evidence::faint;
 }
 
 void ObstacleFinder::take(std::vector<Pixel>& pixels, ObstacleKind kind) {
@@ -280,7 +339,10 @@ void ObstacleFinder::take(std::vector<Pixel>& pixels, ObstacleKind kind) {
       if (piece.size() < n) take(piece, kind);
     return;
   }
-  if (!contradicts_floor(pixels, kind)) return;
+  const Evidence shown = evidence(pixels, kind);
+  if (shown == Evidence::none) return;
+  // Where another surface is seen in the floor's place all of it may seem a hole.
+  obstacle.clear = shown == Evidence::clear && !(hole && doubt_.contradicted);
   obstacle.box.bottom = heights(kTail);
   obstacle.box.top = hole ? 0.0 : heights(1 - kTail);
   if (!hole) {
@@ -340,7 +402,7 @@ void ObstacleFinder::add_feet(View2d<const D> disparity, GrayView mask) {
 template <DisparityPixel D>
 const std::vector<Obstacle>& ObstacleFinder::find(View2d<const D> disparity, GrayView mask,
                                                   const RectifiedCamera& camera, const GroundPlane& plane,
-                                                  GrayView left, GrayView right) {
+                                                  GrayView left, GrayView right, const FloorDoubt& doubt) {
   require(mask.width == disparity.width && mask.height == disparity.height, "ObstacleFinder::find mask",
           "must be as wide and high as the disparities", mask.width);
   constexpr int kMost = std::numeric_limits<std::int16_t>::max();
@@ -355,6 +417,9 @@ const std::vector<Obstacle>& ObstacleFinder::find(View2d<const D> disparity, Gra
           "ObstacleFinder::find left, right", "must be as wide and high as the disparities", right.width);
   left_ = left;
   right_ = right;
+  margin_ = std::max(options_.clear_margin,
+                     kTiltFactor * doubt.sigma_tilt * camera.focal * camera.baseline / plane.height);
+  doubt_ = doubt;
   camera_ = camera;
   plane_ = plane;
   floor_ = plane.disparity(camera);
@@ -391,10 +456,10 @@ const std::vector<Obstacle>& ObstacleFinder::find(View2d<const D> disparity, Gra
 
 template const std::vector<Obstacle>& ObstacleFinder::find<float>(View2d<const float>, GrayView,
                                                                   const RectifiedCamera&, const GroundPlane&,
-                                                                  GrayView, GrayView);
+                                                                  GrayView, GrayView, const FloorDoubt&);
 template const std::vector<Obstacle>& ObstacleFinder::find<std::int16_t>(View2d<const std::int16_t>, GrayView,
                                                                          const RectifiedCamera&,
                                                                          const GroundPlane&, GrayView,
-                                                                         GrayView);
+                                                                         GrayView, const FloorDoubt&);
 
 }  // namespace sweepkit

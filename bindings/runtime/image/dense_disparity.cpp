@@ -6,9 +6,11 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 #include <opencv2/calib3d.hpp>
 #include <opencv2/core.hpp>
 #include <opencv2/imgproc.hpp>
+#include <utility>
 
 #include "disparity_smoothing.hpp"
 #include "sweepkit/core/error.hpp"
@@ -20,10 +22,22 @@ namespace {
 constexpr int kPrefilterCap = 31;  // grey levels by which a gradient counts, of semi-global matching
 constexpr int kBehindRamp = 16;    // px; a multiple of 16
 constexpr double kMaxRamp = 1000;  // px
+constexpr int kOverlap = 8;  // px of disparity; the last ones are searched with half the neighbours only
 
 cv::Mat mat_of(GrayView view) {
   return cv::Mat(view.height, view.width, CV_8U, const_cast<std::uint8_t*>(view.data),
                  static_cast<std::size_t>(view.stride));
+}
+
+/// Means of 2 x 2 pixels.
+void halve(GrayView image, GrayImage& half) {
+  half.resize(image.width / 2, image.height / 2);
+  for (int v = 0; v < half.height(); ++v) {
+    const std::uint8_t *a = image.row(2 * v), *b = image.row(2 * v + 1);
+    std::uint8_t* to = half.row(v);
+    for (int u = 0; u < half.width(); ++u)
+      to[u] = static_cast<std::uint8_t>((a[2 * u] + a[2 * u + 1] + b[2 * u] + b[2 * u + 1] + 2) >> 2);
+  }
 }
 
 }  // namespace
@@ -35,6 +49,8 @@ struct DenseMatcher::Work {
   cv::Mat padded[2], found, low, high;
   Image<std::int16_t> result;
   DisparitySmoother smoother;
+  GrayImage half[2];
+  std::unique_ptr<Work> near;  // at half the resolution
 
   explicit Work(const DisparityOptions& o)
       : options(o),
@@ -63,6 +79,11 @@ struct DenseMatcher::Work {
     matcher->setDisp12MaxDiff(o.left_right_tolerance);
     matcher->setSpeckleWindowSize(o.speckle_window);
     matcher->setSpeckleRange(o.speckle_range);
+    if (o.near) {
+      DisparityOptions at_half = o;
+      at_half.near = at_half.smooth.enabled = false;
+      near = std::make_unique<Work>(at_half);
+    }
   }
 
   /// Both images with room at the sides; the right one moved along by the ramp, row by row.
@@ -80,6 +101,23 @@ struct DenseMatcher::Work {
         const int b = std::clamp(first + x + 1, 0, right.width - 1);
         to[x] = static_cast<std::uint8_t>((from[a] * (16 - weight) + from[b] * weight + 8) >> 4);
       }
+    }
+  }
+
+  /// Disparities at the end of what was looked at and beyond it.
+  void add_near(GrayView left, GrayView right, const DisparityRamp& ramp) {
+    if (std::min(left.width, left.height) / 2 < block) return;
+    halve(left, half[0]);
+    halve(right, half[1]);
+    near->match(std::as_const(half[0]).view(), std::as_const(half[1]).view(),
+                {0.5 * ramp.at_top, ramp.per_row});
+    for (int v = 0; v < 2 * half[0].height(); ++v) {
+      const int least = ramp.sixteenths(v) + 16 * (options.disparities - kOverlap);
+      const std::int16_t* from = near->result.row(v / 2);
+      std::int16_t* to = result.row(v);
+      for (int u = 0; u < 2 * half[0].width(); ++u)
+        if (const int d = 2 * from[u / 2]; d >= least)
+          to[u] = static_cast<std::int16_t>(std::min<int>(d, std::numeric_limits<std::int16_t>::max()));
     }
   }
 
@@ -109,6 +147,7 @@ struct DenseMatcher::Work {
         to[u] = known ? static_cast<std::int16_t>(d) : std::int16_t{0};
       }
     }
+    if (near) add_near(left, right, ramp);
     if (options.smooth.enabled) smoother.smooth(left, options.smooth, ramp, result.view());
   }
 };

@@ -239,6 +239,7 @@ class Run {
                     {"distance_m", o.distance},
                     {"box", json_of(o.box)},
                     {"pixels", o.pixels},
+                    {"clear", o.clear},
                     {"image", {o.image.u_min, o.image.v_min, o.image.u_max, o.image.v_max}}};
       if (T_odom_camera) entry["p_odom"] = list_of(*T_odom_camera * o.p_camera);
       obstacles.push_back(std::move(entry));

@@ -21,7 +21,7 @@ namespace sweepkit {
 /// From a raw stereo pair to obstacles.
 struct ObstacleDetectorOptions {
   bool floor_ramp = false;
-  DisparityOptions disparity{.method = DisparityMethod::sgbm_3way, .smooth = {}};
+  DisparityOptions disparity{.method = DisparityMethod::sgbm_3way, .near = true, .smooth = {}};
   GroundPlaneOptions plane;
   FloorNoise noise;
   ObstacleOptions obstacles;

@@ -29,7 +29,7 @@ struct ObstacleTrackerOptions {
   void visit_options(Visitor& v) {
     v(gate, "gate", "m", range(0.001, 10.0), "an obstacle seen so near to a known one is that one");
     v(gate_share, "gate_share", "", range(0.0, 1.0), "and by this part of its distance more");
-    v(hit, "hit", "", range(0.01, 10.0), "log-odds that a sighting adds");
+    v(hit, "hit", "", range(0.01, 10.0), "log-odds that a clear sighting adds");
     v(miss, "miss", "", range(0.0, 10.0), "log-odds that the floor or a wall seen in its place takes away");
     v(confirm, "confirm", "", range(0.0, 100.0), "log-odds from which on an obstacle is confirmed");
     v(drop, "drop", "", range(-100.0, 0.0), "log-odds below which it is forgotten");
@@ -57,10 +57,10 @@ struct TrackedObstacle {
 };
 
 /// Associates the obstacles of consecutive images in a frame that does not move (odom: smooth, z up) and
-/// keeps the odds of each. A sighting raises them; an image that shows the floor or something behind in its
-/// place lowers them; an image in which it is hidden, out of view or without disparity says nothing.
-/// Obstacles are born at their first sighting, confirmed when the odds are high enough, dropped when they
-/// are low. Deterministic; one thread at a time.
+/// keeps the odds of each. A clear sighting raises them, a faint one (Obstacle::clear) does not; an image
+/// that shows the floor or something behind in its place lowers them; an image in which it is hidden, out of
+/// view or without disparity says nothing. Obstacles are born at their first sighting, confirmed when the
+/// odds are high enough, dropped when they are low. Deterministic; one thread at a time.
 class ObstacleTracker {
  public:
   /// @throws Error(option) for options out of range

@@ -60,6 +60,9 @@ struct Obstacle {
   FloorBox box;           ///< in floor_frame() of the image's ground plane
   double distance = 0.0;  ///< along the floor from the camera to its nearest part [m]
   int pixels = 0;
+  /// Whether the images show it beyond doubt: it would stand out, too, if the floor lay off its plane by what
+  /// is to be expected. Far and low things become clear when the robot comes nearer.
+  bool clear = true;
   PixelBox image;
 };
 
@@ -84,6 +87,8 @@ struct ObstacleOptions {
   double disparity_sigma = 0.5;
   double likeness = 0.6;
   double image_noise = 1.5;
+  double clear_margin = 1.0;
+  double clear_angle = 15.0;
 
   template <class Visitor>
   void visit_options(Visitor& v) {
@@ -113,7 +118,17 @@ struct ObstacleOptions {
       "the images must differ at a thing's disparities by this part at most of how they differ if its pixels "
       "lie on the floor");
     v(image_noise, "image_noise", "grey levels", range(0.1, 100.0), "noise of the images, for likeness");
+    v(clear_margin, "clear_margin", "px", range(0.0, 16.0),
+      "by which the floor's disparities may be off; what the images do not tell from that is not clear");
+    v(clear_angle, "clear_angle", "deg", range(0.0, 80.0),
+      "nor is a thing whose edges in the image run more level than this, in the mean of squares");
   }
+};
+
+/// What is known against a ground plane.
+struct FloorDoubt {
+  double sigma_tilt = 0.0;    ///< standard deviation of its pitch and roll [rad]
+  bool contradicted = false;  ///< the image shows another surface instead: it may be the floor
 };
 
 /// Gathers the pixels that stand out of the floor to things. Pixels of the mask that are high enough are
@@ -135,9 +150,11 @@ class ObstacleFinder {
   /// @param mask a FloorLabel a pixel, as obstacle_mask gives it; of the same size, else Error(argument)
   /// @param left, right the rectified images, to test each thing against the floor (see
   ///   ObstacleOptions::likeness); without them no such test is made
+  /// @param doubt what is known against the plane, for Obstacle::clear
   template <DisparityPixel D>
   const std::vector<Obstacle>& find(View2d<const D> disparity, GrayView mask, const RectifiedCamera& camera,
-                                    const GroundPlane& plane, GrayView left = {}, GrayView right = {});
+                                    const GroundPlane& plane, GrayView left = {}, GrayView right = {},
+                                    const FloorDoubt& doubt = {});
 
   /// A pixel of the last image: 0, or one more than the index of the obstacle it belongs to.
   View2d<const std::uint16_t> regions() const { return regions_.view(); }
@@ -154,7 +171,8 @@ class ObstacleFinder {
   void add_feet(View2d<const D> disparity, GrayView mask);
   void take_things(ObstacleKind kind);
   void take(std::vector<Pixel>& pixels, ObstacleKind kind);
-  bool contradicts_floor(const std::vector<Pixel>& pixels, ObstacleKind kind) const;
+  enum class Evidence { none, faint, clear };
+  Evidence evidence(const std::vector<Pixel>& pixels, ObstacleKind kind) const;
   std::int32_t root(std::int32_t i);
 
   ObstacleOptions options_;
@@ -162,6 +180,8 @@ class ObstacleFinder {
   GroundPlane plane_;
   FloorDisparity floor_;
   GrayView left_, right_;
+  FloorDoubt doubt_;
+  double margin_ = 0.0;  // by which the floor's disparities may be off [px]
   SE3d T_floor_camera_;
   std::vector<Obstacle> obstacles_;
   Image<std::uint16_t> regions_;

@@ -45,6 +45,7 @@ struct DisparityOptions {
   int speckle_range = 2;
   int min_contrast = 4;
   bool left_border = true;
+  bool near = false;
   bool parallel = true;
   DisparitySmoothing smooth;
 
@@ -70,6 +71,8 @@ struct DisparityOptions {
       "pixels in whose neighbourhood along the row the image varies by less are unknown");
     v(left_border, "left_border", "", any_value(),
       "also match the columns at the left that have not all disparities in the right image");
+    v(near, "near", "", any_value(),
+      "match again at half the resolution: twice the disparities, for what stands nearer");
     v(parallel, "parallel", "", any_value(), "let OpenCV use its threads; the result is the same");
     v.group(smooth, "smooth", "weighted least squares filter");
   }
@@ -79,8 +82,10 @@ struct DisparityOptions {
 /// thread-safe, but any number may work at once.
 ///
 /// Gives int16 in sixteenths of a pixel, 0 where unknown: left of the right image's edge, at occlusions, and
-/// where there is nothing to match. An image that is constant, black or overexposed gives no disparity there.
-/// Same images, same result, whatever the threads.
+/// where there is nothing to match. With DisparityOptions::near disparities go on to twice as many; the
+/// larger ones come from images of half the size, in blocks of 2 x 2 pixels and steps of 1/8 px. An image
+/// that is constant, black or overexposed gives no disparity there. Same images, same result, whatever the
+/// threads.
 class DenseMatcher {
  public:
   /// Throws Error(option) for a number of disparities that is no multiple of 16 or an even block size.
