@@ -19,7 +19,7 @@ namespace {
 template <class D>
 std::vector<Obstacle> find(ObstacleFinder& self, py::array_t<D> array, const Gray& mask,
                            const RectifiedCamera& camera, const GroundPlane& plane, GrayView left,
-                           GrayView right) {
+                           GrayView right, const FloorDoubt& doubt) {
   const auto size = static_cast<py::ssize_t>(sizeof(D));
   if ((array.strides(1) != size && array.shape(1) > 1) || array.strides(0) % size != 0)
     array = py::array_t<D, py::array::c_style>(array);
@@ -27,7 +27,7 @@ std::vector<Obstacle> find(ObstacleFinder& self, py::array_t<D> array, const Gra
                              array.strides(0) / size};
   const GrayView labels = mask.view();
   py::gil_scoped_release release;
-  return self.find(view, labels, camera, plane, left, right);
+  return self.find(view, labels, camera, plane, left, right, doubt);
 }
 
 py::array regions_view(const View2d<const std::uint16_t>& view, const py::handle& owner) {
@@ -104,21 +104,24 @@ void bind_finder(py::module_& m) {
           "find",
           [](ObstacleFinder& self, const py::array& disparity, const Gray& mask,
              const RectifiedCamera& camera, const GroundPlane& plane, const std::optional<Gray>& left,
-             const std::optional<Gray>& right) {
+             const std::optional<Gray>& right, double sigma_tilt, bool contradicted) {
             const GrayView l = left ? left->view() : GrayView{}, r = right ? right->view() : GrayView{};
+            const FloorDoubt doubt{sigma_tilt, contradicted};
             if (disparity.ndim() == 2 && py::isinstance<py::array_t<float>>(disparity))
               return find<float>(self, py::reinterpret_borrow<py::array_t<float>>(disparity), mask, camera,
-                                 plane, l, r);
+                                 plane, l, r, doubt);
             if (disparity.ndim() == 2 && py::isinstance<py::array_t<std::int16_t>>(disparity))
               return find<std::int16_t>(self, py::reinterpret_borrow<py::array_t<std::int16_t>>(disparity),
-                                        mask, camera, plane, l, r);
+                                        mask, camera, plane, l, r, doubt);
             throw py::value_error("expected disparities, float32 or int16 of shape (height, width), got " +
                                   describe(disparity));
           },
           py::arg("disparity"), py::arg("mask"), py::arg("camera"), py::arg("plane"),
-          py::arg("left") = py::none(), py::arg("right") = py::none(),
+          py::arg("left") = py::none(), py::arg("right") = py::none(), py::arg("sigma_tilt") = 0.0,
+          py::arg("contradicted") = false,
           "The obstacles and holes of an image, from near to far. With the rectified images each thing is "
-          "tested against the floor.")
+          "tested against the floor. sigma_tilt [rad] and contradicted tell what is known against the plane: "
+          "with the images they decide what is clear.")
       .def_property_readonly(
           "regions",
           [](const py::object& self) {
