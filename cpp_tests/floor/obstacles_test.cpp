@@ -351,6 +351,34 @@ TEST_CASE("what would not stand out of a floor a little off its plane is not cle
   CHECK(unsure[0].pixels == sure[0].pixels);
 }
 
+TEST_CASE("a carpet whose pattern repeats is no hole") {
+  World world;
+  world.far_wall = 10;
+  const FloorDisparity floor = world.plane.disparity(world.camera);
+  constexpr double kPeriod = 10, kDeep = -8;
+  Image<float> claimed = world.disparities();
+  for (int v = 103; v < 112; ++v)
+    for (int u = 130; u < 200; ++u) claimed(u, v) = static_cast<float>(floor(u, v) + kDeep);
+  const GrayImage mask = world.mask(claimed);
+  const auto stripes = [&](double x, double v) {
+    return static_cast<std::uint8_t>(
+        std::lround(120 + 15 * std::sin(2 * std::numbers::pi / kPeriod * x + 0.3 * v)));
+  };
+  ObstacleFinder finder;
+  // The carpet is 9 mm thick; a period of its pattern makes it a hole.
+  GrayImage left(world.width, world.height), right(world.width, world.height);
+  for (int v = 0; v < world.height; ++v)
+    for (int u = 0; u < world.width; ++u) {
+      left(u, v) = stripes(u, v);
+      right(u, v) = stripes(u + floor(165, v) + kDeep + kPeriod, v);
+    }
+  CHECK(finder.find(std::as_const(claimed).view(), mask.view(), world.camera, world.plane).size() == 1);
+  CHECK(finder
+            .find(std::as_const(claimed).view(), mask.view(), world.camera, world.plane, left.view(),
+                  right.view())
+            .empty());
+}
+
 TEST_CASE("a hole is not clear where the image contradicts the plane") {
   World world;
   world.far_wall = 10;

@@ -73,30 +73,34 @@ ObstacleFinder::Evidence ObstacleFinder::evidence(const std::vector<Pixel>& pixe
   constexpr double kLeastShare = 0.25;  // of them that must have the floor's partner in the right image
   // Surfaces without interest, and those that would be if the floor lay off its plane by the margin: part of
   // the height, and part of the margin.
-  constexpr std::size_t kInner = 4, kMostLevels = 16;
+  constexpr std::size_t kInner = 4, kMostLevels = 16, kCarpets = 8;
   constexpr double kStep = 0.5;  // px
   const auto steps = static_cast<std::size_t>(
       std::clamp(std::ceil(margin_ / kStep), 1.0, static_cast<double>(kMostLevels - kInner - 2)));
-  const std::size_t levels = kInner + 2 + steps;
-  std::array<std::pair<double, double>, kMostLevels> level{{{0, 0}, {0.25, 0}, {0.5, 0}, {0.75, 0}, {0, -1}}};
+  const bool hole = kind == ObstacleKind::hole;
+  // A carpet with a pattern that repeats can be taken for a hole.
+  const std::size_t flats = kInner + 2 + steps, levels = flats + (hole ? kCarpets : 0);
+  std::array<std::pair<double, double>, kMostLevels + kCarpets> level{
+      {{0, 0}, {0.25, 0}, {0.5, 0}, {0.75, 0}, {0, -1}}};
   for (std::size_t k = 0; k <= steps; ++k)
     level[kInner + 1 + k] = {1.0, static_cast<double>(k) / static_cast<double>(steps)};
-  const bool hole = kind == ObstacleKind::hole;
   const double highest = hole ? -options_.hole_depth : options_.min_height;
+  for (std::size_t k = flats; k < levels; ++k)
+    level[k] = {options_.min_height / highest * static_cast<double>(k + 1 - flats) / kCarpets, 0.0};
   const std::size_t stride = (pixels.size() + kMost - 1) / kMost;
   // Noise of both images.
   const double noise = 2 * options_.image_noise * options_.image_noise;
   double measured = 0;
   Vec2<double> steep = Vec2<double>::Zero();
   std::size_t tried = 0, complete = 0;
-  std::array<double, kMostLevels> flat{};                 // the rows chosen for each pixel
-  std::array<std::array<double, 3>, kMostLevels> rows{};  // for all together
+  std::array<double, kMostLevels + kCarpets> flat{};                 // the rows chosen for each pixel
+  std::array<std::array<double, 3>, kMostLevels + kCarpets> rows{};  // for all together
   for (std::size_t i = 0; i < pixels.size(); i += stride) {
     const Pixel& p = pixels[i];
     const float own = difference(left_, right_, p.u, p.v, p.disparity);
     if (own < 0) continue;
     ++tried;
-    std::array<std::array<float, 3>, kMostLevels> other;
+    std::array<std::array<float, 3>, kMostLevels + kCarpets> other;
     bool inside = true;
     for (std::size_t k = 0; k < levels && inside; ++k) {
       const double d = floor_(p.u, p.v) * plane_.height / (plane_.height - highest * level[k].first) +
@@ -121,7 +125,7 @@ ObstacleFinder::Evidence ObstacleFinder::evidence(const std::vector<Pixel>& pixe
     return hole ? Evidence::none : Evidence::faint;
   double inner = std::numeric_limits<double>::infinity(), all = inner;
   for (std::size_t k = 0; k < levels; ++k) {
-    if (k < kInner) inner = std::min(inner, least_over_rows(rows[k]));
+    if (k < kInner || k >= flats) inner = std::min(inner, least_over_rows(rows[k]));
     all = std::min(all, flat[k]);
   }
   if (measured > options_.likeness * inner) return Evidence::none;
