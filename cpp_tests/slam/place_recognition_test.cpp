@@ -96,32 +96,66 @@ TEST_CASE("A room that looks like another of the same map is no loop: odometry k
   CHECK(places.counts().accepted == 0);
 }
 
-TEST_CASE("A sub-map is joined to an older one where it meets it", "[place]") {
+TEST_CASE("A sub-map is joined to an older one, later where odometry knows no way", "[place]") {
+  for (const bool one_frame : {true, false}) {
+    PlaceWorld world;
+    world.add_room(0, 0, 1400, 1);
+    Map map;
+    const MapId first = map.add_map();
+    PlaceRecognizer places = recognizer(world, careful());
+    std::uint64_t seed = 1;
+    for (int k = 0; k < 14; ++k) {
+      const SE3d T = drive_view(0, -0.4, k);
+      places.feed(map, world.add_keyframe(map, first, T, T, seed++, k * kSecond));
+    }
+    const MapId second = map.add_map();
+    const SE3d T_first_second = one_frame ? SE3d(SO3<double>::exp({0, 0, 0.02}), {0.05, -0.04, 0})
+                                          : SE3d(SO3<double>::exp({0, 0, 2}), {3, -4, 0.1});
+    const std::vector<MapId> known = one_frame ? std::vector<MapId>{first} : std::vector<MapId>{};
+    std::optional<PlaceMatch> found;
+    int k = 0;
+    for (; k < 14 && !found; ++k) {
+      const SE3d T = drive_view(0.1, -0.3, k);
+      const KeyframeId keyframe =
+          world.add_keyframe(map, second, T, T * T_first_second, seed++, (20 + k) * kSecond);
+      found = places.feed(map, keyframe, nullptr, known);
+      if (!found) continue;
+      CHECK(found->map == first);
+      const SE3d error = T * found->T_camera_world.inverse();
+      CHECK(error.translation().norm() < 0.02);
+      CHECK(degrees(error) < 0.5);
+    }
+    CAPTURE(one_frame, k, to_string(places.last_rejection()));
+    REQUIRE(found);
+    // 0.13 m from one keyframe to the next.
+    if (one_frame)
+      CHECK(k <= 5);
+    else
+      CHECK(k >= 8);
+  }
+}
+
+TEST_CASE("A map that was found elsewhere in another before is not joined to it", "[place]") {
   PlaceWorld world;
   world.add_room(0, 0, 1400, 1);
+  world.add_room(6, 0, 1400, 2);
   Map map;
   const MapId first = map.add_map();
   PlaceRecognizer places = recognizer(world, careful());
   std::uint64_t seed = 1;
-  for (int k = 0; k < 8; ++k) {
-    const SE3d T = drive_view(0, 0, k);
-    places.feed(map, world.add_keyframe(map, first, T, T, seed++, k * kSecond));
+  for (int k = 0; k < 28; ++k) {
+    const SE3d T = drive_view(k < 14 ? 0 : 6, -0.4, k % 14);
+    places.feed(map, world.add_keyframe(map, first, T, T, seed++, k * kSecond, k == 14));
   }
   const MapId second = map.add_map();
-  const SE3d T_first_second = SE3d(SO3<double>::exp({0, 0, 2}), {3, -4, 0.1});
-  std::optional<PlaceMatch> found;
-  for (int k = 0; k < 6 && !found; ++k) {
-    const SE3d T = drive_view(0.1, 0.1, k);
-    const KeyframeId keyframe =
-        world.add_keyframe(map, second, T, T * T_first_second, seed++, (20 + k) * kSecond);
-    found = places.feed(map, keyframe);
-    if (!found) continue;
-    CHECK(found->map == first);
-    const SE3d error = T * found->T_camera_world.inverse();
-    CHECK(error.translation().norm() < 0.02);
-    CHECK(degrees(error) < 0.5);
+  // It drives on in one room and sees the other for a moment: one of both is a twin.
+  for (int k = 0; k < 14; ++k) {
+    const SE3d T_own = drive_view(0.1, -0.3, k);
+    const SE3d T = k == 2 ? drive_view(6.1, -0.3, k) : T_own;
+    const KeyframeId keyframe = world.add_keyframe(map, second, T, T_own, seed++, (40 + k) * kSecond);
+    CHECK_FALSE(places.feed(map, keyframe));
   }
-  REQUIRE(found);
+  CHECK(places.counts().of(PlaceRejection::inconsistent) > 0);
 }
 
 TEST_CASE("A frame is located by odometry's help or without, at once where it is sure", "[place]") {

@@ -27,6 +27,40 @@ double degrees(const SE3d& T) { return T.rotation().angle() / kDegree; }
 
 Vec3<double> center(const SE3d& T_camera_world) { return T_camera_world.inverse().translation(); }
 
+// Poses farther apart than this, or turned by more, are different views.
+constexpr double kOtherView = 0.25;     // [m]
+constexpr double kOtherViewAngle = 20;  // [deg]
+// So many views that confirm outweigh one that doubts, or denies.
+constexpr std::size_t kPerDoubt = 2, kPerDenial = 8;
+// Places of one image are two if they are farther apart than this.
+constexpr double kOtherPlace = 0.5;      // [m]
+constexpr double kOtherPlaceAngle = 10;  // [deg]
+
+bool same_view(const SE3d& T_a_world, const SE3d& T_b_world) {
+  return (center(T_a_world) - center(T_b_world)).norm() < kOtherView &&
+         degrees(T_a_world * T_b_world.inverse()) < kOtherViewAngle;
+}
+
+// How many views that differ are among them: many from one spot say no more than one.
+std::size_t count_views(std::span<const SE3d> poses) {
+  std::vector<const SE3d*> views;
+  for (const SE3d& pose : poses)
+    if (std::none_of(views.begin(), views.end(), [&](const SE3d* view) { return same_view(*view, pose); }))
+      views.push_back(&pose);
+  return views.size();
+}
+
+// How far the farthest two are apart, and turned [m, deg].
+std::pair<double, double> spread_of(std::span<const SE3d> poses) {
+  double travel = 0, turn = 0;
+  for (const SE3d& a : poses)
+    for (const SE3d& b : poses) {
+      travel = std::max(travel, (center(a) - center(b)).norm());
+      turn = std::max(turn, degrees(a * b.inverse()));
+    }
+  return {travel, turn};
+}
+
 // The keyframe of a map whose view is most like that from a pose; none if none is like it.
 KeyframeId nearest_view(const Map& map, MapId id, const SE3d& T_camera_world, KeyframeId self) {
   KeyframeId best;
@@ -99,6 +133,11 @@ std::optional<PlaceMatch> PlaceRecognizer::best_candidate(const Map& map, const 
     else
       reject(check.rejection);
   }
+  if (image.keyframe.valid())
+    for (const PlaceMatch& match : verified) {
+      claims_.push_back({image.keyframe, match.map, match.T_camera_world});
+      if (claims_.size() > static_cast<std::size_t>(options_.stranger_history)) claims_.pop_front();
+    }
   if (verified.empty()) return std::nullopt;
   const auto best = std::max_element(verified.begin(), verified.end(), [](const auto& a, const auto& b) {
     return a.pairs.size() < b.pairs.size();
@@ -115,10 +154,11 @@ std::optional<PlaceMatch> PlaceRecognizer::best_candidate(const Map& map, const 
 
 PlaceRecognizer::Witness PlaceRecognizer::ask(const Map& map, const PlaceImage& image,
                                               const SE3d& T_camera_world, MapId target, double travelled,
-                                              const PlaceHints& hints) {
+                                              const PlaceHints& hints, double* contradictions) {
   const KeyframeId near = nearest_view(map, target, T_camera_world, image.keyframe);
   if (!near.valid()) return Witness::silent;
   const PlaceCheck check = verifier_.verify_at(image, map, near, T_camera_world, hints);
+  if (contradictions) *contradictions = check.match.contradictions;
   if (check.ok())
     return same_place(check.match.T_camera_world, T_camera_world, travelled) ? Witness::confirms
                                                                              : Witness::denies;
@@ -130,7 +170,9 @@ PlaceRecognizer::Witness PlaceRecognizer::ask(const Map& map, const PlaceImage& 
   const bool nothing_found = check.rejection == PlaceRejection::few_inliers ||
                              check.rejection == PlaceRejection::not_seen ||
                              check.rejection == PlaceRejection::inlier_share;
-  return should_see && nothing_found ? Witness::denies : Witness::silent;
+  if (!should_see) return Witness::silent;
+  if (check.rejection == PlaceRejection::concentrated) return Witness::doubts;
+  return nothing_found ? Witness::denies : Witness::silent;
 }
 
 bool PlaceRecognizer::convinced(const std::vector<SE3d>& confirming, int denials, PlaceMatch& match) {
@@ -139,16 +181,33 @@ bool PlaceRecognizer::convinced(const std::vector<SE3d>& confirming, int denials
     reject(PlaceRejection::inconsistent);
     return false;
   }
-  double travel = 0, turn = 0;
-  for (const SE3d& a : confirming)
-    for (const SE3d& b : confirming) {
-      travel = std::max(travel, (center(a) - center(b)).norm());
-      turn = std::max(turn, degrees(a * b.inverse()));
-    }
+  const auto [travel, turn] = spread_of(confirming);
   const bool sure = static_cast<int>(match.pairs.size()) >= options_.sure_inliers &&
                     match.cells >= options_.sure_cells && match.off_plane >= options_.sure_off_plane;
   if (!sure && (match.confirmations < options_.confirmations ||
                 (travel < options_.min_travel && turn < options_.min_turn))) {
+    reject(PlaceRejection::unconfirmed);
+    return false;
+  }
+  ++counts_.accepted;
+  return true;
+}
+
+bool PlaceRecognizer::convinced_of_stranger(const Testimony& testimony, PlaceMatch& match) {
+  match.confirmations = static_cast<int>(testimony.confirming.size());
+  const std::size_t confirming = count_views(testimony.confirming);
+  double contradictions = match.contradictions;
+  for (const double share : testimony.contradictions) contradictions += share;
+  contradictions /= static_cast<double>(testimony.contradictions.size() + 1);
+  if (kPerDoubt * count_views(testimony.doubting) > confirming ||
+      kPerDenial * count_views(testimony.denying) > confirming ||
+      contradictions > options_.stranger_contradictions) {
+    reject(PlaceRejection::inconsistent);
+    return false;
+  }
+  const auto [travel, turn] = spread_of(testimony.confirming);
+  if (confirming < static_cast<std::size_t>(options_.stranger_views) ||
+      (travel < options_.stranger_travel && turn < options_.stranger_turn)) {
     reject(PlaceRejection::unconfirmed);
     return false;
   }
@@ -173,12 +232,23 @@ std::optional<PlaceMatch> PlaceRecognizer::feed(const Map& map, KeyframeId id, c
 
   // What this match says of all keyframes around, those must not contradict.
   const SE3d T_own_target = keyframe.T_camera_world.inverse() * match->T_camera_world;
-  std::vector<SE3d> confirming{match->T_camera_world};
+  const bool stranger = match->map != keyframe.map &&
+                        std::find(one_frame.begin(), one_frame.end(), match->map) == one_frame.end();
+  const int history = stranger ? options_.stranger_history : options_.history;
+  Testimony testimony{
+      .confirming = {match->T_camera_world}, .doubting = {}, .denying = {}, .contradictions = {}};
   int denials = 0, asked = 0;
-  for (std::uint32_t i = id.value; i-- > 0 && asked < options_.history;) {
+  std::vector<SE3d> views{keyframe.T_camera_world};
+  for (std::uint32_t i = id.value; i-- > 0 && asked < history;) {
     const Keyframe* other = map.find(KeyframeId{i});
     if (!other || other->map != keyframe.map || other->blind()) continue;
-    if (to_seconds(keyframe.t - other->t) > options_.history_time) break;
+    if (!stranger && to_seconds(keyframe.t - other->t) > options_.history_time) break;
+    if (stranger) {
+      const SE3d& view = other->T_camera_world;
+      if (std::any_of(views.begin(), views.end(), [&](const SE3d& v) { return same_view(v, view); }))
+        continue;
+      views.push_back(view);
+    }
     ++asked;
     const SE3d T_predicted = other->T_camera_world * T_own_target;
     PlaceHints other_hints;
@@ -187,12 +257,30 @@ std::optional<PlaceMatch> PlaceRecognizer::feed(const Map& map, KeyframeId id, c
       other_hints.gravity_camera = other->T_camera_world.rotation() * *gravity;
     }
     const double travelled = (center(other->T_camera_world) - center(keyframe.T_camera_world)).norm();
+    double contradictions = 0;
     const Witness witness =
-        ask(map, database_.image(*other), T_predicted, match->map, travelled, other_hints);
-    if (witness == Witness::confirms) confirming.push_back(T_predicted);
+        ask(map, database_.image(*other), T_predicted, match->map, travelled, other_hints, &contradictions);
+    if (witness == Witness::confirms) testimony.confirming.push_back(T_predicted);
+    if (witness == Witness::doubts) testimony.doubting.push_back(T_predicted);
+    if (witness == Witness::denies) testimony.denying.push_back(T_predicted);
+    if (witness != Witness::silent) testimony.contradictions.push_back(contradictions);
     denials += witness == Witness::denies;
   }
-  if (!convinced(confirming, denials, *match)) return std::nullopt;
+  if (!stranger) {
+    if (!convinced(testimony.confirming, denials, *match)) return std::nullopt;
+  } else {
+    // Another place that one of these keyframes was verified at speaks against this one.
+    for (const Claim& claim : claims_) {
+      const Keyframe* other = map.find(claim.keyframe);
+      if (!other || other->map != keyframe.map || claim.map != match->map) continue;
+      const SE3d T_predicted = other->T_camera_world * T_own_target;
+      const SE3d T = claim.T_camera_world * T_predicted.inverse();
+      if (T.translation().norm() > kOtherPlace || degrees(T) > kOtherPlaceAngle)
+        testimony.denying.push_back(T_predicted);
+    }
+    if (!convinced_of_stranger(testimony, *match)) return std::nullopt;
+  }
+  claims_.clear();
   return match;
 }
 

@@ -31,6 +31,11 @@ struct PlaceRecognizerOptions {
   double max_speed = 1;
   double max_turn_rate = 180;
   double rival_share = 0.4;
+  int stranger_history = 40;
+  int stranger_views = 4;
+  double stranger_travel = 1;
+  double stranger_turn = 90;
+  double stranger_contradictions = 0.015;
 
   template <class Visitor>
   void visit_options(Visitor& v) {
@@ -57,6 +62,15 @@ struct PlaceRecognizerOptions {
     v(max_turn_rate, "max_turn_rate", "deg/s", range(0, 10000), "and turn");
     v(rival_share, "rival_share", "", range(0, 1),
       "another place with so large a share of the best one's points makes it ambiguous");
+    v(stranger_history, "stranger_history", "images", range(1, 1000),
+      "views that are asked where another map is met that odometry knows no way to");
+    v(stranger_views, "stranger_views", "images", range(1, 100),
+      "different views that must say so then: a room may have a twin");
+    v(stranger_travel, "stranger_travel", "m", range(0, 100),
+      "by how much the farthest of them must lie apart");
+    v(stranger_turn, "stranger_turn", "deg", range(0, 180), "or be turned");
+    v(stranger_contradictions, "stranger_contradictions", "", range(0, 1),
+      "largest share of points that one side looks through, over all of them");
   }
 };
 
@@ -107,14 +121,29 @@ class PlaceRecognizer {
     std::optional<PlaceMatch> match;  // verified on its own
   };
 
-  enum class Witness { confirms, denies, silent };
+  // Doubts: most of what should be seen is missing, what is there agrees.
+  enum class Witness { confirms, doubts, denies, silent };
+
+  // What the images of a drive say of a place.
+  struct Testimony {
+    std::vector<SE3d> confirming, doubting, denying;  // T_camera_world
+    std::vector<double> contradictions;               // of those that could tell
+  };
+
+  // A place that a keyframe was verified at.
+  struct Claim {
+    KeyframeId keyframe;
+    MapId map;
+    SE3d T_camera_world;
+  };
 
   std::optional<PlaceMatch> best_candidate(const Map& map, const PlaceImage& image, PlaceHints hints,
                                            MapId own_map, std::span<const MapId> one_frame = {});
   bool same_place(const SE3d& T_a_world, const SE3d& T_b_world, double travelled) const;
   Witness ask(const Map& map, const PlaceImage& image, const SE3d& T_camera_world, MapId target,
-              double travelled, const PlaceHints& hints);
+              double travelled, const PlaceHints& hints, double* contradictions = nullptr);
   bool convinced(const std::vector<SE3d>& confirming, int denials, PlaceMatch& match);
+  bool convinced_of_stranger(const Testimony& testimony, PlaceMatch& match);
   void remember(Seen&& now);
   void reject(PlaceRejection rejection);
 
@@ -124,6 +153,7 @@ class PlaceRecognizer {
   PlaceCounts counts_;
   PlaceRejection last_ = PlaceRejection::none;
   std::deque<Seen> seen_;
+  std::deque<Claim> claims_;  // of feed() since it last knew a place
 };
 
 }  // namespace sweepkit
