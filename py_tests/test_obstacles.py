@@ -40,6 +40,20 @@ def test_a_box_is_found(kind):
     assert "obstacle" in repr(box)
 
 
+def test_a_hole_in_a_plane_that_is_contradicted_is_not_clear():
+    camera, plane, disparity = floor_with_box()
+    floor = (np.mgrid[0:400, 0:640][0] - 200) * 0.75
+    disparity = np.maximum(floor, 0).astype(np.float32)
+    disparity[260:300, 250:390] *= 0.5
+    points = sk.floor.PointList()
+    points.build(disparity, camera, plane.disparity(camera), sk.floor.FloorTolerance.of(sk.floor.FloorNoise(), plane, camera))
+    finder = sk.floor.ObstacleFinder()
+    for contradicted in (False, True):
+        found = finder.find(disparity, points.mask, camera, plane, contradicted=contradicted)
+        assert [o.kind for o in found] == [sk.floor.ObstacleKind.hole]
+        assert found[0].clear != contradicted
+
+
 def test_wrong_arrays_are_named():
     camera, plane, disparity = floor_with_box()
     finder = sk.floor.ObstacleFinder()
