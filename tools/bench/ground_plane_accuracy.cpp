@@ -3,7 +3,7 @@
 //
 // Errors of the ground plane against truth:
 //
-//     ground_plane_accuracy [--every N] [--method sgbm|sgbm_3way|bm] RECORDING...
+//     ground_plane_accuracy [--every N] [--method sgbm|sgbm_3way|bm] [--ramp] RECORDING...
 //
 // A recording needs wheels (for the mounting), true poses and `depth0`. Truth is the level plane through the
 // middle of the drive wheels, seen from the camera. A frame stands while the robot's base is level to 0.05
@@ -16,8 +16,9 @@
 //
 // Each recording runs with the mounting as calibrated and with two wrong ones (pitch, roll and height off by
 // 0.5 degrees, 0.5 degrees and 1.5 mm with different signs), each without and with the gyro telling how the
-// camera turned. Images are matched along the ramp of the plane of the frame before, each mounting's own. The
-// first two seconds of each run, while a wrong mounting is learned, are left out.
+// camera turned. Images are matched by sgbm_3way without the floor's ramp, as ObstacleDetector does; --ramp
+// matches them along the ramp of the plane of the frame before, each mounting's own. The first two seconds of
+// each run, while a wrong mounting is learned, are left out.
 #include <fmt/format.h>
 #include <yaml-cpp/yaml.h>
 
@@ -50,6 +51,7 @@ constexpr double kSettling = 2.0;  // s
 
 struct Settings {
   int every = 1;
+  bool ramp = false;
   DisparityOptions disparity;
 };
 
@@ -241,7 +243,8 @@ void run(const fs::path& folder, const Settings& settings) {
     before = image->t;
 
     for (Mounting& mounting : mountings) {
-      const DisparityRamp ramp = mounting.last.disparity(matcher.camera()).ramp(matcher.camera().cx);
+      DisparityRamp ramp;
+      if (settings.ramp) ramp = mounting.last.disparity(matcher.camera()).ramp(matcher.camera().cx);
       const DisparityView disparity = matcher.match(image->left.view, image->right.view, ramp);
       for (Run* r : {&mounting.alone, &mounting.with_gyro}) {
         const bool gyro = r == &mounting.with_gyro;
@@ -274,11 +277,14 @@ void run(const fs::path& folder, const Settings& settings) {
 
 int main(int argc, char** argv) {
   Settings settings;
+  settings.disparity.method = DisparityMethod::sgbm_3way;
   std::vector<fs::path> folders;
   for (int i = 1; i < argc; ++i) {
     const std::string argument = argv[i];
     if (argument == "--every" && i + 1 < argc) {
       settings.every = std::max(1, std::atoi(argv[++i]));
+    } else if (argument == "--ramp") {
+      settings.ramp = true;
     } else if (argument == "--method" && i + 1 < argc) {
       const std::string method = argv[++i];
       settings.disparity.method = method == "bm"          ? DisparityMethod::bm
@@ -289,7 +295,9 @@ int main(int argc, char** argv) {
     }
   }
   if (folders.empty()) {
-    fmt::print(stderr, "ground_plane_accuracy [--every N] [--method sgbm|sgbm_3way|bm] RECORDING...\n");
+    fmt::print(
+        stderr,
+        "usage: ground_plane_accuracy [--every N] [--method sgbm|sgbm_3way|bm] [--ramp] RECORDING...\n");
     return 2;
   }
   try {
