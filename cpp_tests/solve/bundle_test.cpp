@@ -192,18 +192,6 @@ TEST_CASE("the same bundle gives the same bits", "[solve]") {
     REQUIRE(same_bits(a.T_camera_world[k], b.T_camera_world[k]));
 }
 
-TEST_CASE("dense and sparse elimination agree", "[solve]") {
-  Random random(6);
-  const BundleProblem truth = make_truth(random, 6, 100, 1.0);
-  const BundleProblem start = disturb(truth, random, 0.03, 0.1);
-  BundleProblem dense = start, sparse = start;
-  BundleOptions options;
-  solve_bundle(kCamera, dense, options);
-  options.dense_poses = 0;
-  solve_bundle(kCamera, sparse, options);
-  REQUIRE(worst_pose(dense, sparse) < 1e-8);
-}
-
 TEST_CASE("relative poses tie poses together", "[solve]") {
   Random random(7);
   SECTION("alone they give the chain of motions") {

@@ -49,8 +49,6 @@ struct BundleOptions {
   int iterations = 5;
   double gate = 1.0;
   double function_tolerance = 1e-4;
-  int dense_poses = 50;
-  int num_threads = 1;
 
   template <class Visitor>
   void visit_options(Visitor& v) {
@@ -59,9 +57,6 @@ struct BundleOptions {
     v(gate, "gate", "", range(0.01, 100), "multiplies the 95 % gates of chi-square: 5.99 mono, 7.81 stereo");
     v(function_tolerance, "function_tolerance", "", range(0, 1),
       "stop when the cost falls by less than this part of it");
-    v(dense_poses, "dense_poses", "", range(0, 10000),
-      "up to so many free poses the reduced system is dense");
-    v(num_threads, "num_threads", "", range(1, 256), "threads; results are bit-identical only with 1");
   }
 };
 
@@ -84,9 +79,10 @@ struct BundleResult {
 };
 
 /// Moves free poses and points to where the observations and relative poses fit best (Huber's loss, scale at
-/// the 95 % gate): Ceres, Levenberg and Marquardt, Schur complement over the points, analytic Jacobians with
-/// the perturbation Exp(xi) T_camera_world. After a first round what lies beyond the gate is left out and a
-/// second round follows. Fixed poses stay as they are to the last bit; free ones without any tie too.
+/// the 95 % gate): Levenberg and Marquardt, points eliminated (Schur complement), the poses that are left
+/// solved by sparse blocks, perturbation Exp(xi) T_camera_world. Triggs, McLauchlan, Hartley and Fitzgibbon,
+/// Bundle adjustment - a modern synthesis (1999). After a first round what lies beyond the gate is left out
+/// and a second round follows. Fixed poses stay as they are to the last bit; free ones without any tie too.
 /// @param stop when it becomes true the solver ends after the iteration under way; may be null
 /// Throws Error(argument) at numbers that are not finite, sigmas that are not positive, indices out of range
 /// and where poses are free but none is fixed.
