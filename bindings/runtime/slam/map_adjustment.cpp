@@ -165,6 +165,9 @@ GlobalAdjustment LocalMapper::begin_global_adjustment() const {
       keyframes.push_back(keyframe->id);
   if (!keyframes.empty()) global.t = map_.keyframe(keyframes.back()).t;
   global.bundle = bundle_of(keyframes, {}, choose_points(map_, keyframes, view_, options_.global_points));
+  // All keyframes together know the bias better than the windows did one after the other.
+  global.bundle.problem.disparity_bias_sigma = options_.disparity_bias_sigma;
+  global.disparity_bias = disparity_bias_;
   return global;
 }
 
@@ -194,6 +197,10 @@ std::shared_ptr<const LocalMap> LocalMapper::finish_global_adjustment(const Glob
   for (std::size_t p = 0; p < bundle.points.size(); ++p)
     if (map_.find(bundle.points[p])) map_.set_position(bundle.points[p], bundle.problem.points[p]);
   drop_outliers(bundle);
+  // Windows may have moved the bias meanwhile.
+  const double shift = global.disparity_bias + bundle.problem.disparity_bias - disparity_bias_;
+  disparity_bias_ += shift;
+  map_.shift_disparities(shift);
   ++corrections_;
   return copy_newest();
 }

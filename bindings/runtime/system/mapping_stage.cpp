@@ -109,6 +109,8 @@ void MappingStage::finish() {
   queue_changed_.notify_all();
   if (mapping_thread_.joinable()) mapping_thread_.join();
   if (adjusting_thread_.joinable()) adjusting_thread_.join();
+  if (!leaving_ && !finished_) guard(last_mapped_, [&] { adjust_map(); });
+  finished_ = true;
 }
 
 MappingStage::Places MappingStage::places() const {
@@ -196,6 +198,15 @@ void MappingStage::look_around(KeyframeId newest) {
     stop_adjusting_ = true;  // an older one is of no use any more
   }
   queue_changed_.notify_all();
+}
+
+// The whole current map, here and now.
+void MappingStage::adjust_map() {
+  const std::scoped_lock changing(map_mutex_);
+  if (!mapper_.current_map().valid()) return;
+  GlobalAdjustment global = mapper_.begin_global_adjustment();
+  global.solve(rectified_camera(rig_), options_.mapper.global_bundle);
+  publish(mapper_.finish_global_adjustment(global));
 }
 
 void MappingStage::run_mapping() {

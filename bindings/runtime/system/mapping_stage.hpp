@@ -62,7 +62,7 @@ class MappingStage {
   Update take();
   /// Gives up what still waits: comes before finish.
   void leave();
-  /// Returns when all that waits is mapped; the threads end.
+  /// Returns when all that waits is mapped and the current map adjusted as a whole; the threads end.
   void finish();
 
   /// In real time only after finish; `read` below at any time.
@@ -81,6 +81,7 @@ class MappingStage {
   void map_keyframe(KeyframeCandidate&& candidate);
   void look_around(KeyframeId newest);
   void publish(std::shared_ptr<const LocalMap> local_map, std::vector<Event> events = {});
+  void adjust_map();
   void run_mapping();
   void run_adjusting();
 
@@ -107,6 +108,7 @@ class MappingStage {
   Places places_;
   std::optional<GlobalAdjustment> to_adjust_, adjusted_;
   bool adjusting_ = false, last_came_ = false, mapping_done_ = false, leaving_ = false;
+  bool finished_ = false;
 
   std::thread mapping_thread_, adjusting_thread_;
 };

@@ -24,9 +24,10 @@ struct MapBundle {
   BundleResult result;
 };
 
-/// The points that tell most about how keyframes stand to each other: those that most keyframes see, but of
-/// each keyframe about `each`, spread over its image in 4 x 4 cells; all where it has no more. Points that
-/// only one of the keyframes sees are left out. Sorted by id; same map, same choice.
+/// The points that tell most about how keyframes stand to each other: those that most keyframes see come
+/// first, until of each keyframe `each` are there, as many from each of 4 x 4 cells of its image, or all that
+/// the cell has. Points that only one of the keyframes sees are left out. Sorted by id; same map, same
+/// choice. Throws Error(argument) unless `each` is positive.
 std::vector<PointId> choose_points(const Map& map, const std::vector<KeyframeId>& keyframes,
                                    const StereoRig::Bounds& view, int each);
 
@@ -34,7 +35,8 @@ std::vector<PointId> choose_points(const Map& map, const std::vector<KeyframeId>
 struct GlobalAdjustment {
   TimeNs t = 0;  ///< stamp of the newest keyframe in it
   MapBundle bundle;
-  int corrections = 0;  ///< of the map when it was copied: after another one the result is of no use
+  double disparity_bias = 0;  ///< that was taken off its disparities [px]
+  int corrections = 0;        ///< of the map when it was copied: after another one the result is of no use
   bool solved = false;
 
   /// May take seconds. @param stop as solve_bundle

@@ -14,7 +14,7 @@ namespace sweepkit {
 /// How large a map may become, and what counts as one view when it has to be cut down.
 struct MapCaps {
   int max_keyframes = 2000;
-  double max_memory = 100;
+  double max_memory = 50;
   double slack = 0.05;
   double cell = 0.5;
   double sector = 30;
