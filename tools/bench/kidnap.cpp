@@ -188,28 +188,61 @@ class TrueMap {
   ProjectionMatcher matcher_{{.max_distance = 50}};
 };
 
-// Whether at least 30 % of what a frame sees was seen before, by keyframes within 2 m and 30 degrees.
-bool seen_before(const Map& map, const RectifiedCamera& camera, const StereoRig::Bounds& view,
-                 const StereoFrame& frame) {
-  std::vector<SE3d> near;
-  for (std::uint32_t k = 0; k < map.keyframe_id_end(); ++k) {
-    const SE3d T = map.keyframe(KeyframeId{k}).T_camera_world * frame.T_camera_world.inverse();
-    if (T.translation().norm() < 2 && degrees(T) < 30) near.push_back(T);
+// Whether at least 30 % of what a frame sees, by its stereo points, was seen before by keyframes within 2 m
+// and 30 degrees: in their view and not behind something that they measured nearer.
+class SeenBefore {
+ public:
+  SeenBefore(const Map& map, const RectifiedCamera& camera, const StereoRig::Bounds& view)
+      : map_(map), camera_(camera), view_(view), grids_(map.keyframe_id_end()) {
+    for (std::uint32_t k = 0; k < map.keyframe_id_end(); ++k)
+      grids_[k].build(map.keyframe(KeyframeId{k}).measurements);
   }
-  int points = 0, seen = 0;
-  for (const Measurement& m : frame.measurements) {
-    if (!m.stereo()) continue;
-    ++points;
-    const Vec3<double> p = camera.depth(m.disparity()) * Vec3<double>((m.u - camera.cx) / camera.focal,
-                                                                      (m.v - camera.cy) / camera.focal, 1);
-    seen += std::any_of(near.begin(), near.end(), [&](const SE3d& T) {
-      const auto uv = camera.project(T * p);
-      return uv && uv->x() > view.u_min && uv->x() < view.u_max && uv->y() > view.v_min &&
-             uv->y() < view.v_max;
-    });
+
+  bool operator()(const StereoFrame& frame) const {
+    std::vector<std::uint32_t> near;
+    for (std::uint32_t k = 0; k < map_.keyframe_id_end(); ++k) {
+      const SE3d T = map_.keyframe(KeyframeId{k}).T_camera_world * frame.T_camera_world.inverse();
+      if (T.translation().norm() < 2 && degrees(T) < 30) near.push_back(k);
+    }
+    int points = 0, seen = 0;
+    for (const Measurement& m : frame.measurements) {
+      if (!m.stereo() || m.sigma_right > 0.2 * m.disparity()) continue;
+      ++points;
+      const Vec3<double> p =
+          camera_.depth(m.disparity()) *
+          Vec3<double>((m.u - camera_.cx) / camera_.focal, (m.v - camera_.cy) / camera_.focal, 1);
+      const Vec3<double> p_world = frame.T_camera_world.inverse() * p;
+      seen += std::any_of(near.begin(), near.end(), [&](std::uint32_t k) { return sees(k, p_world); });
+    }
+    return points > 0 && seen > 0.3 * points;
   }
-  return points > 0 && seen > 0.3 * points;
-}
+
+ private:
+  bool sees(std::uint32_t k, const Vec3<double>& p_world) const {
+    constexpr float kBeside = 25;         // [px]
+    constexpr double kNearerShare = 1.2;  // of the disparity
+    const Keyframe& keyframe = map_.keyframe(KeyframeId{k});
+    const auto uvr = camera_.project_stereo(keyframe.T_camera_world * p_world);
+    if (!uvr || uvr->x() <= view_.u_min || uvr->x() >= view_.u_max || uvr->y() <= view_.v_min ||
+        uvr->y() >= view_.v_max)
+      return false;
+    std::vector<std::int32_t> beside;
+    grids_[k].query(static_cast<float>(uvr->x()), static_cast<float>(uvr->y()), kBeside, 0, 31, beside);
+    int stereo = 0, nearer = 0;
+    for (const std::int32_t i : beside) {
+      const Measurement& other = keyframe.measurements[static_cast<std::size_t>(i)];
+      if (!other.stereo()) continue;
+      ++stereo;
+      nearer += other.disparity() - 3 * other.sigma_right > kNearerShare * (uvr->x() - uvr->z());
+    }
+    return stereo == 0 || nearer < stereo;
+  }
+
+  const Map& map_;
+  RectifiedCamera camera_;
+  StereoRig::Bounds view_;
+  std::vector<KeypointGrid> grids_;
+};
 
 struct Outcome {
   int right = 0, wrong = 0, unknown = 0;
@@ -233,12 +266,15 @@ Outcome kidnap(const SeenFrames& mapped, const SeenFrames& queries, const Option
   fmt::print(stderr, "{} keyframes, {} points, {:.1f} MB of words\n", truth.map.keyframe_count(),
              truth.map.point_count(), 1e-6 * static_cast<double>(recognizer.database().memory_bytes()));
   std::vector<std::size_t> starts;
-  for (std::size_t i = 0; i < queries.frames.size(); ++i)
-    if (options.anywhere ||
-        seen_before(truth.map, {rig.focal(), rig.center().x(), rig.center().y(), rig.baseline()},
-                    rig.bounds(), queries.frames[i]))
-      starts.push_back(i);
-  fmt::print(stderr, "{} of {} views were seen before\n", starts.size(), queries.frames.size());
+  const SeenBefore seen_before(truth.map, {rig.focal(), rig.center().x(), rig.center().y(), rig.baseline()},
+                               rig.bounds());
+  std::size_t mapped_views = 0;
+  for (std::size_t i = 0; i < queries.frames.size(); ++i) {
+    const bool is_mapped = seen_before(queries.frames[i]);
+    mapped_views += is_mapped;
+    if (options.anywhere || is_mapped) starts.push_back(i);
+  }
+  fmt::print(stderr, "{} of {} views were seen before\n", mapped_views, queries.frames.size());
   if (starts.empty()) return {};
   Random random(static_cast<std::uint64_t>(options.seed));
   Outcome outcome;
