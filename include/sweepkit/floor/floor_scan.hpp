@@ -149,7 +149,8 @@ inline std::uint16_t millimetres(double metres) {
 /// walked from the lower edge upwards. A disparity within the tolerance of the floor's is floor seen; a
 /// larger one that belongs to a point below max_height is an obstacle, at the distance that the disparity
 /// tells; a smaller one is a hole, which begins where the viewing ray meets the floor. No disparity is no
-/// evidence.
+/// evidence, but for rays that see nothing at the camera's height between two that do: they are taken to meet
+/// a flat face there, and floor behind it is left out.
 class FloorScanner {
  public:
   /// @throws Error(option)
