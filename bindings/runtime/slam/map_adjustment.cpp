@@ -62,6 +62,7 @@ std::vector<KeyframeId> LocalMapper::fixed_around(const std::vector<KeyframeId>&
   if (others.size() > static_cast<std::size_t>(options_.fixed_window))
     others.resize(static_cast<std::size_t>(options_.fixed_window));
   std::vector<KeyframeId> fixed;
+  fixed.reserve(others.size() + window.size());
   for (const Covisible& o : others) fixed.push_back(o.keyframe);
   for (const KeyframeId keyframe : window)
     if (const auto& edge = map_.keyframe(keyframe).odometry)
