@@ -32,8 +32,8 @@ struct LocalMapperOptions {
   int fuse_keyframes = 12;
   double fuse_radius = 3;
   int fuse_distance = 50;
-  int window = 10;
-  int fixed_window = 20;
+  int window = 20;
+  int fixed_window = 40;
   int local_keyframes = 40;
   double revisit_distance = 1.5;
   double revisit_angle = 50;
