@@ -225,14 +225,14 @@ def main():
     import sweepkit
     core = sweepkit._core
     for folder in core.folders:
-        stub = package / f"{folder}.pyi"
+        path = package / f"{folder}.pyi"
         text = Module(getattr(core, folder)).text()
         # A C++ type that nobody bound, or a parameter named as a keyword, ends the build and not a reader's day.
         try:
-            ast.parse(text, str(stub))
+            ast.parse(text, str(path))
         except SyntaxError as error:
-            sys.exit(f"{stub}:{error.lineno}: no Python: {error.text.strip()}")
-        stub.write_text(text)
+            sys.exit(f"{path}:{error.lineno}: no Python: {error.text.strip()}")
+        path.write_text(text)
     imports = "".join(f"from . import {name} as {name}\n" for name in core.folders)
     (package / "_core.pyi").write_text(f"{HEADER}{imports}\n\nfolders: tuple[str, ...]\n")
 

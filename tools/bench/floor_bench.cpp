@@ -231,10 +231,13 @@ void rectify_opencv(benchmark::State& state) {
 BENCHMARK(rectify_opencv)->Name("image/rectify/opencv/640x400")->Unit(benchmark::kMicrosecond);
 
 /// Raw pair to disparities; the methods are OpenCV's, the columns at the left and the ramp are ours.
-void disparity(benchmark::State& state, DisparityMethod method, bool smooth) {
+void disparity(benchmark::State& state, DisparityMethod method, bool smooth, int disparities = 128,
+               bool near = false) {
   const Pair& pair = Pair::get();
   DisparityOptions options;
   options.method = method;
+  options.disparities = disparities;
+  options.near = near;
   options.smooth.enabled = smooth;
   options.parallel = false;
   StereoDisparity source(pair.rig, options);
@@ -257,6 +260,12 @@ BENCHMARK_CAPTURE(disparity, sgbm_smooth, DisparityMethod::sgbm, true)
     ->Unit(benchmark::kMillisecond);
 BENCHMARK_CAPTURE(disparity, sgbm_3way, DisparityMethod::sgbm_3way, false)
     ->Name("image/disparity/sgbm_3way/128")
+    ->Unit(benchmark::kMillisecond);
+BENCHMARK_CAPTURE(disparity, sgbm_3way_near, DisparityMethod::sgbm_3way, false, 128, true)
+    ->Name("image/disparity/sgbm_3way_near/128")
+    ->Unit(benchmark::kMillisecond);
+BENCHMARK_CAPTURE(disparity, sgbm_3way_256, DisparityMethod::sgbm_3way, false, 256)
+    ->Name("image/disparity/sgbm_3way/256")
     ->Unit(benchmark::kMillisecond);
 
 /// OpenCV's SGBM alone, on the rectified pair.
