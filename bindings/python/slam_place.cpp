@@ -108,7 +108,7 @@ void register_slam_place(py::module_& m) {
       .def_readonly("inverse_share", &PlaceMatch::inverse_share)
       .def_readonly("contradictions", &PlaceMatch::contradictions)
       .def_readonly("off_plane", &PlaceMatch::off_plane)
-      .def_readonly("cells", &PlaceMatch::cells)
+      .def_property_readonly("cells", [](const PlaceMatch& m) { return m.cells.count(); })
       .def_readonly("confirmations", &PlaceMatch::confirmations);
 
   py::class_<PlaceRecognizer>(

@@ -197,6 +197,71 @@ TEST_CASE("A frame is located by odometry's help or without, at once where it is
   CHECK(places.locate(map, world.see(drive_view(0.05, 0.05, 3), 500)));
 }
 
+TEST_CASE("Frames that none alone tells the place of are located together", "[place]") {
+  PlaceWorld world;
+  world.add_room(0, 0, 300, 1);
+  Map map;
+  const MapId id = map.add_map();
+  for (int k = 0; k < 8; ++k) {
+    const SE3d T = drive_view(0, 0, k);
+    world.add_keyframe(map, id, T, T, static_cast<std::uint64_t>(k), k * kSecond);
+  }
+  const Vec3<double> gravity = PlaceWorld::gravity();
+  const auto drive = [&](const PlaceRecognizerOptions& options, bool with_gravity, bool odometry_holds) {
+    PlaceRecognizer places = recognizer(world, options);
+    places.database().follow(map);
+    for (int k = 0; k < 8; ++k) {
+      const SE3d T = drive_view(0.1, 0.1, k);
+      // Two of three key points look like another one of the same image.
+      const StereoFrame frame = PlaceWorld::confuse(
+          world.see(T, 200 + static_cast<std::uint64_t>(k), 0.4, (50 + k) * kSecond / 4), 0.33, 7);
+      const Vec3<double> gravity_camera = T.rotation() * gravity;
+      const SE3d slip(SO3<double>::exp({0, 0, odometry_holds ? 0 : 0.5 * k}),
+                      {0, odometry_holds ? 0 : 0.4 * k, 0});
+      const SE3d T_camera_odom = T * SE3d(SO3<double>::exp({0, 0, 1}), {5, 6, 0}) * slip;
+      const auto found = places.locate(map, frame, with_gravity ? &gravity_camera : nullptr,
+                                       with_gravity ? &gravity : nullptr, &T_camera_odom);
+      if (!found) continue;
+      const SE3d error = T * found->T_camera_world.inverse();
+      CHECK(error.translation().norm() < 0.03);
+      CHECK(degrees(error) < 0.5);
+      CHECK(found->confirmations >= 3);
+      return true;
+    }
+    CAPTURE(to_string(places.last_rejection()));
+    return false;
+  };
+  PlaceRecognizerOptions alone;
+  alone.pool = false;
+  CHECK_FALSE(drive(alone, true, true));
+  CHECK(drive({}, true, true));
+  CHECK_FALSE(drive({}, false, true));
+  CHECK_FALSE(drive({}, true, false));
+}
+
+TEST_CASE("Frames located together are of one of two places that fit: none is named", "[place]") {
+  PlaceWorld world;
+  world.add_room(0, 0, 170, 1);
+  world.add_room(6, 0, 170, 1);
+  Map map;
+  const MapId id = map.add_map();
+  for (int k = 0; k < 16; ++k) {
+    const SE3d T = drive_view(k < 8 ? 0 : 6, 0, k % 8);
+    world.add_keyframe(map, id, T, T, static_cast<std::uint64_t>(k), k * kSecond);
+  }
+  PlaceRecognizer places = recognizer(world);
+  places.database().follow(map);
+  const Vec3<double> gravity = PlaceWorld::gravity();
+  for (int k = 0; k < 8; ++k) {
+    const SE3d T = drive_view(0.1, 0.1, k);
+    const StereoFrame frame = PlaceWorld::confuse(
+        world.see(T, 200 + static_cast<std::uint64_t>(k), 0.4, (50 + k) * kSecond / 4), 0.33, 7);
+    const Vec3<double> gravity_camera = T.rotation() * gravity;
+    CHECK_FALSE(places.locate(map, frame, &gravity_camera, &gravity, &T));
+  }
+  CHECK(places.counts().of(PlaceRejection::ambiguous) > 0);
+}
+
 TEST_CASE("Where two places fit, none is named", "[place]") {
   PlaceWorld world;
   world.add_room(0, 0, 1400, 1);

@@ -7,6 +7,7 @@
 #include <memory>
 #include <span>
 #include <unordered_map>
+#include <utility>
 #include <vector>
 
 #include "sweepkit/bow/vocabulary_training.hpp"
@@ -104,6 +105,18 @@ class PlaceWorld {
     }
     frame.grid.build(frame.measurements);
     frame.points.assign(frame.measurements.size(), PointId{});
+    return frame;
+  }
+
+  /// A frame of which only so large a share of the key points still looks like what it shows: the others have
+  /// exchanged their descriptors.
+  static StereoFrame confuse(StereoFrame frame, double share, std::uint64_t seed) {
+    Random random(seed);
+    std::vector<std::size_t> others;
+    for (std::size_t i = 0; i < frame.descriptors.size(); ++i)
+      if (random.uniform() >= share) others.push_back(i);
+    for (std::size_t k = 0; k + 1 < others.size(); ++k)
+      std::swap(frame.descriptors[others[k]], frame.descriptors[others[k + 1]]);
     return frame;
   }
 

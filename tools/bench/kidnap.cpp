@@ -6,6 +6,7 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <array>
 #include <chrono>
 #include <cmath>
 #include <cstdlib>
@@ -188,8 +189,8 @@ class TrueMap {
   ProjectionMatcher matcher_{{.max_distance = 50}};
 };
 
-// Whether at least 30 % of what a frame sees, by its stereo points, was seen before by keyframes within 2 m
-// and 30 degrees: in their view and not behind something that they measured nearer.
+// What share of a frame's stereo points was seen before by keyframes within 2 m and 30 degrees: in their view
+// and not behind something that they measured nearer.
 class SeenBefore {
  public:
   SeenBefore(const Map& map, const RectifiedCamera& camera, const StereoRig::Bounds& view)
@@ -198,7 +199,7 @@ class SeenBefore {
       grids_[k].build(map.keyframe(KeyframeId{k}).measurements);
   }
 
-  bool operator()(const StereoFrame& frame) const {
+  double operator()(const StereoFrame& frame) const {
     std::vector<std::uint32_t> near;
     for (std::uint32_t k = 0; k < map_.keyframe_id_end(); ++k) {
       const SE3d T = map_.keyframe(KeyframeId{k}).T_camera_world * frame.T_camera_world.inverse();
@@ -214,7 +215,7 @@ class SeenBefore {
       const Vec3<double> p_world = frame.T_camera_world.inverse() * p;
       seen += std::any_of(near.begin(), near.end(), [&](std::uint32_t k) { return sees(k, p_world); });
     }
-    return points > 0 && seen > 0.3 * points;
+    return points > 0 ? static_cast<double>(seen) / points : 0;
   }
 
  private:
@@ -244,8 +245,12 @@ class SeenBefore {
   std::vector<KeypointGrid> grids_;
 };
 
+// A view counts as mapped if so much of it was seen before; counts are given for each.
+constexpr std::array<double, 4> kSeenShares = {0.3, 0.5, 0.7, 0.9};
+
 struct Outcome {
   int right = 0, wrong = 0, unknown = 0;
+  std::array<int, kSeenShares.size()> kidnaps_seen{}, right_seen{};  // with at least that share
   std::vector<double> seconds, errors_mm, call_ms;
   PlaceCounts counts;
 };
@@ -269,18 +274,28 @@ Outcome kidnap(const SeenFrames& mapped, const SeenFrames& queries, const Option
   const SeenBefore seen_before(truth.map, {rig.focal(), rig.center().x(), rig.center().y(), rig.baseline()},
                                rig.bounds());
   std::size_t mapped_views = 0;
+  std::vector<double> seen_share;
   for (std::size_t i = 0; i < queries.frames.size(); ++i) {
-    const bool is_mapped = seen_before(queries.frames[i]);
+    seen_share.push_back(seen_before(queries.frames[i]));
+    const bool is_mapped = seen_share.back() >= kSeenShares.front();
     mapped_views += is_mapped;
     if (options.anywhere || is_mapped) starts.push_back(i);
   }
   fmt::print(stderr, "{} of {} views were seen before\n", mapped_views, queries.frames.size());
   if (starts.empty()) return {};
+  // The same moments whatever the recognizer does.
   Random random(static_cast<std::uint64_t>(options.seed));
+  if (options.kidnaps > 0) {
+    std::vector<std::size_t> drawn;
+    for (int k = 0; k < options.kidnaps; ++k) drawn.push_back(starts[random.index(starts.size())]);
+    starts = drawn;
+  }
   Outcome outcome;
   const Vec3<double> gravity_world(0, 0, -1);
-  for (int k = 0; k < options.kidnaps; ++k) {
-    const std::size_t start = starts[random.index(starts.size())];
+  for (std::size_t k = 0; k < starts.size(); ++k) {
+    const std::size_t start = starts[k];
+    for (std::size_t s = 0; s < kSeenShares.size(); ++s)
+      outcome.kidnaps_seen[s] += seen_share[start] >= kSeenShares[s];
     recognizer.forget();
     std::optional<PlaceMatch> found;
     std::size_t i = start;
@@ -303,13 +318,16 @@ Outcome kidnap(const SeenFrames& mapped, const SeenFrames& queries, const Option
     if (!found) {
       ++outcome.unknown;
       if (options.verbose)
-        fmt::print("  {:3} frame {:4}: unknown, {}\n", k, start, to_string(recognizer.last_rejection()));
+        fmt::print("  {:3} frame {:4}: unknown, {} ({:.0f} % seen before)\n", k, start,
+                   to_string(recognizer.last_rejection()), 100 * seen_share[start]);
       continue;
     }
     const StereoFrame& frame = queries.frames[i];
     const SE3d error = frame.T_camera_world * found->T_camera_world.inverse();
     const bool right = error.translation().norm() < 0.1 && degrees(error) < 5;
     ++(right ? outcome.right : outcome.wrong);
+    for (std::size_t s = 0; s < kSeenShares.size(); ++s)
+      outcome.right_seen[s] += right && seen_share[start] >= kSeenShares[s];
     outcome.seconds.push_back(to_seconds(frame.t - queries.frames[start].t));
     outcome.errors_mm.push_back(1e3 * error.translation().norm());
     if (options.verbose || !right)
@@ -318,7 +336,7 @@ Outcome kidnap(const SeenFrames& mapped, const SeenFrames& queries, const Option
           "seen {:.2f}, back {:.2f}, contradicted {:.3f}, {} cells, {} confirm\n",
           k, start, right ? "right" : "WRONG", outcome.seconds.back(), outcome.errors_mm.back(),
           degrees(error), found->pairs.size(), found->found, found->predicted, found->seen_share,
-          found->inverse_share, found->contradictions, found->cells, found->confirmations);
+          found->inverse_share, found->contradictions, found->cells.count(), found->confirmations);
   }
   outcome.counts = recognizer.counts();
   return outcome;
@@ -359,7 +377,8 @@ int main(int argc, char** argv) {
                  "usage: kidnap [--kidnaps N] [--seconds S] [--seed N] [--no-odometry] [--no-gravity] "
                  "[--vocabulary FILE] [--set OPTION=VALUE] [--anywhere] [--verbose] MAPPED QUERIES [MAPPED "
                  "QUERIES ...]\n"
-                 "A kidnap begins where 30 % of the view was seen before, from within 2 m and 30 degrees, or "
+                 "N kidnaps at random moments, 0: one at each. A kidnap begins where 30 % of the view was "
+                 "seen before, from within 2 m and 30 degrees, or "
                  "--anywhere.\n"
                  "Recordings with truth in one world frame; PATH@FROM-TO takes a part of one [s].\n");
       return 2;
@@ -378,6 +397,10 @@ int main(int argc, char** argv) {
       for (std::size_t r = 1; r < kPlaceRejections; ++r)
         if (o.counts.rejected[r] > 0)
           reasons += fmt::format(" {} {},", to_string(static_cast<PlaceRejection>(r)), o.counts.rejected[r]);
+      std::string seen;
+      for (std::size_t s = 0; s < kSeenShares.size(); ++s)
+        seen += fmt::format(" {:.0f} %: {} of {},", 100 * kSeenShares[s], o.right_seen[s], o.kidnaps_seen[s]);
+      fmt::print("  right, of views with so much seen before:{}\n", seen.substr(0, seen.size() - 1));
       fmt::print("  {} images asked, {} candidates;{}\n", o.counts.queries, o.counts.candidates, reasons);
     }
   } catch (const Error& error) {

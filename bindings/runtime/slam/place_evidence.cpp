@@ -162,18 +162,21 @@ double PlaceVerifier::contradictions(const PlaceImage& image, const Keyframe& ca
   return static_cast<double>(through) / std::max(1, through + agree);
 }
 
+bool PlaceVerifier::certain(const Mat6<double>& covariance) const {
+  return largest_sigma(covariance.topLeftCorner<3, 3>()) <= options_.max_position_sigma &&
+         largest_sigma(covariance.bottomRightCorner<3, 3>()) <= options_.max_rotation_sigma * kDegree;
+}
+
 PlaceRejection PlaceVerifier::judge(const PlaceHints& hints, const PlaceMatch& match) const {
   const auto inliers = static_cast<int>(match.pairs.size());
   if (inliers < options_.min_inliers) return PlaceRejection::few_inliers;
   if (inliers < options_.min_inlier_share * match.found) return PlaceRejection::inlier_share;
-  if (match.cells < options_.min_cells) return PlaceRejection::concentrated;
+  if (static_cast<int>(match.cells.count()) < options_.min_cells) return PlaceRejection::concentrated;
   if (match.off_plane < options_.min_off_plane) return PlaceRejection::flat;
   if (match.seen_share < options_.min_seen_share) return PlaceRejection::not_seen;
   if (match.inverse_share < options_.min_inverse_share) return PlaceRejection::not_seen_there;
   if (match.contradictions > options_.max_contradictions) return PlaceRejection::contradicted;
-  if (largest_sigma(match.covariance.topLeftCorner<3, 3>()) > options_.max_position_sigma ||
-      largest_sigma(match.covariance.bottomRightCorner<3, 3>()) > options_.max_rotation_sigma * kDegree)
-    return PlaceRejection::uncertain;
+  if (!certain(match.covariance)) return PlaceRejection::uncertain;
   if (hints.gravity_camera && hints.gravity_world) {
     const Vec3<double> turned = match.T_camera_world.rotation() * hints.gravity_world->normalized();
     const Vec3<double> known = hints.gravity_camera->normalized();

@@ -110,13 +110,14 @@ bool PlaceRecognizer::same_place(const SE3d& T_a_world, const SE3d& T_b_world, d
 }
 
 std::optional<PlaceMatch> PlaceRecognizer::best_candidate(const Map& map, const PlaceImage& image,
+                                                          std::span<const PlaceGroup> groups,
                                                           PlaceHints hints, MapId own_map,
                                                           std::span<const MapId> one_frame) {
   ++counts_.queries;
   last_ = PlaceRejection::none;
   const std::optional<PlacePrior> prior = hints.prior;
   std::vector<PlaceMatch> verified;
-  for (const PlaceGroup& group : database_.candidates(image, map)) {
+  for (const PlaceGroup& group : groups) {
     ++counts_.candidates;
     // A group that shares points with one already verified would say the same.
     if (std::any_of(verified.begin(), verified.end(), [&](const PlaceMatch& match) {
@@ -152,6 +153,14 @@ std::optional<PlaceMatch> PlaceRecognizer::best_candidate(const Map& map, const 
   return *best;
 }
 
+std::optional<PlaceCheck> PlaceRecognizer::check_at(const Map& map, const PlaceImage& image,
+                                                    const SE3d& T_camera_world, MapId target,
+                                                    const PlaceHints& hints) {
+  const KeyframeId near = nearest_view(map, target, T_camera_world, image.keyframe);
+  if (!near.valid()) return std::nullopt;
+  return verifier_.verify_at(image, map, near, T_camera_world, hints);
+}
+
 PlaceRecognizer::Witness PlaceRecognizer::ask(const Map& map, const PlaceImage& image,
                                               const SE3d& T_camera_world, MapId target, double travelled,
                                               const PlaceHints& hints, double* contradictions) {
@@ -175,17 +184,21 @@ PlaceRecognizer::Witness PlaceRecognizer::ask(const Map& map, const PlaceImage& 
   return nothing_found ? Witness::denies : Witness::silent;
 }
 
+bool PlaceRecognizer::far_apart(std::span<const SE3d> poses) const {
+  const auto [travel, turn] = spread_of(poses);
+  return travel >= options_.min_travel || turn >= options_.min_turn;
+}
+
 bool PlaceRecognizer::convinced(const std::vector<SE3d>& confirming, int denials, PlaceMatch& match) {
   match.confirmations = static_cast<int>(confirming.size());
   if (denials > 0 && 3 * denials >= match.confirmations) {
     reject(PlaceRejection::inconsistent);
     return false;
   }
-  const auto [travel, turn] = spread_of(confirming);
   const bool sure = static_cast<int>(match.pairs.size()) >= options_.sure_inliers &&
-                    match.cells >= options_.sure_cells && match.off_plane >= options_.sure_off_plane;
-  if (!sure && (match.confirmations < options_.confirmations ||
-                (travel < options_.min_travel && turn < options_.min_turn))) {
+                    static_cast<int>(match.cells.count()) >= options_.sure_cells &&
+                    match.off_plane >= options_.sure_off_plane;
+  if (!sure && (match.confirmations < options_.confirmations || !far_apart(confirming))) {
     reject(PlaceRejection::unconfirmed);
     return false;
   }
@@ -227,7 +240,7 @@ std::optional<PlaceMatch> PlaceRecognizer::feed(const Map& map, KeyframeId id, c
     hints.gravity_camera = keyframe.T_camera_world.rotation() * *gravity;
   }
   hints.prior = PlacePrior{keyframe.T_camera_world, keyframe.covariance};
-  auto match = best_candidate(map, image, hints, keyframe.map, one_frame);
+  auto match = best_candidate(map, image, database_.candidates(image, map), hints, keyframe.map, one_frame);
   if (!match) return std::nullopt;
 
   // What this match says of all keyframes around, those must not contradict.
@@ -288,13 +301,15 @@ std::optional<PlaceMatch> PlaceRecognizer::locate(const Map& map, const StereoFr
                                                   const Vec3<double>* gravity_camera,
                                                   const Vec3<double>* gravity_world,
                                                   const SE3d* T_camera_odom) {
-  Seen now{.image = database_.image(frame), .T_camera_odom = {}, .gravity_camera = {}, .match = {}};
+  Seen now{
+      .image = database_.image(frame), .T_camera_odom = {}, .gravity_camera = {}, .match = {}, .groups = {}};
   if (T_camera_odom) now.T_camera_odom = *T_camera_odom;
   if (gravity_camera) now.gravity_camera = *gravity_camera;
   PlaceHints hints;
   if (gravity_world) hints.gravity_world = *gravity_world;
   hints.gravity_camera = now.gravity_camera;
-  now.match = best_candidate(map, now.image, hints, MapId{});
+  now.groups = database_.candidates(now.image, map);
+  now.match = best_candidate(map, now.image, now.groups, hints, MapId{});
   while (!seen_.empty() && (to_seconds(now.image.t - seen_.front().image.t) > options_.history_time ||
                             seen_.front().image.t > now.image.t))
     seen_.pop_front();
@@ -323,6 +338,7 @@ std::optional<PlaceMatch> PlaceRecognizer::locate(const Map& map, const StereoFr
     }
     if (!convinced(confirming, denials, *match)) match.reset();
   }
+  if (!match && options_.pool && gravity_world) match = locate_together(map, now, *gravity_world);
   remember(std::move(now));
   return match;
 }

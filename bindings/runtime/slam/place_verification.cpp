@@ -3,12 +3,12 @@
 #include "sweepkit/slam/place_verification.hpp"
 
 #include <algorithm>
-#include <bitset>
 #include <cmath>
 #include <limits>
 #include <numbers>
 #include <tuple>
 
+#include "pooled_pose.hpp"
 #include "sweepkit/geometry/impl/pnp.hpp"
 #include "sweepkit/geometry/ransac.hpp"
 #include "sweepkit/geometry/upright_p2p.hpp"
@@ -92,6 +92,60 @@ PlaceCheck PlaceVerifier::verify_at(const PlaceImage& image, const Map& map, Key
   return check;
 }
 
+PooledMatch PlaceVerifier::pooled_match(std::size_t view, const Measurement& m,
+                                        const Vec3<double>& p_world) const {
+  PooledMatch match;
+  match.view = view;
+  match.p_world = p_world;
+  match.ray = {(m.u - camera_.cx) / camera_.focal, (m.v - camera_.cy) / camera_.focal};
+  if (m.stereo()) match.right_x = (m.u_right - camera_.cx) / camera_.focal;
+  match.sigma = m.sigma;
+  match.sigma_disparity = m.sigma_right;
+  return match;
+}
+
+SE3d PlaceVerifier::refine_together(std::span<const PlaceView> views,
+                                    std::span<const std::vector<PlacePair>> pairs, const Map& map,
+                                    const SE3d& T_first_world) const {
+  std::vector<PooledMatch> pooled;
+  std::vector<SE3d> T_view_first;
+  for (std::size_t v = 0; v < views.size(); ++v) {
+    T_view_first.push_back(views[v].T_view_first);
+    for (const PlacePair& pair : pairs[v])
+      pooled.push_back(
+          pooled_match(v, views[v].image->measurements[pair.measurement], map.point(pair.point).p_world));
+  }
+  return refine_pooled_pose(
+      pooled, {.T_view_first = T_view_first, .focal = camera_.focal, .baseline = camera_.baseline},
+      T_first_world, options_.pooled);
+}
+
+std::optional<PlaceProposal> PlaceVerifier::propose(std::span<const PlaceView> views, const Map& map,
+                                                    const PlaceDatabase& database, KeyframeId candidate,
+                                                    const Vec3<double>& gravity_first,
+                                                    const Vec3<double>& gravity_world) {
+  std::vector<PooledMatch> pooled;
+  std::vector<SE3d> T_view_first;
+  for (const PlaceView& view : views) {
+    collect_group(map, candidate, *view.image);
+    match_descriptors(*view.image, map, database);
+    for (const DescriptorMatch& match : descriptor_matches_) {
+      pooled.push_back(pooled_match(T_view_first.size(), view.image->measurements[match.measurement],
+                                    map.point(match.point).p_world));
+    }
+    T_view_first.push_back(view.T_view_first);
+  }
+  const auto found = solve_pooled_pose(pooled,
+                                       {.T_view_first = T_view_first,
+                                        .gravity_first = gravity_first.normalized(),
+                                        .gravity_world = gravity_world.normalized(),
+                                        .focal = camera_.focal,
+                                        .baseline = camera_.baseline},
+                                       options_.pooled);
+  if (!found) return std::nullopt;
+  return PlaceProposal{found->T_first_world, static_cast<int>(pooled.size()), found->inliers};
+}
+
 void PlaceVerifier::collect_group(const Map& map, KeyframeId candidate, const PlaceImage& image) {
   group_.assign(1, candidate);
   for (const Covisible& c : map.best_covisible(candidate, static_cast<std::size_t>(options_.group_keyframes)))
@@ -136,13 +190,23 @@ void PlaceVerifier::collect_group(const Map& map, KeyframeId candidate, const Pl
   }
 }
 
+// How large what a key point shows is, in levels of the pyramid: it does not depend on where it is seen from.
+float PlaceVerifier::size_level(int octave, double distance) const {
+  return static_cast<float>(octave + std::log(distance) / std::log(levels_.factor));
+}
+
 void PlaceVerifier::match_descriptors(const PlaceImage& image, const Map& map,
                                       const PlaceDatabase& database) {
   descriptor_matches_.clear();
+  image_sizes_.clear();
+  for (const Measurement& m : image.measurements)
+    image_sizes_.push_back(m.stereo() && m.sigma_right <= options_.max_depth_uncertainty * m.disparity()
+                               ? size_level(m.octave, back_project(m).norm())
+                               : std::numeric_limits<float>::quiet_NaN());
   const std::size_t count = std::min(group_.size(), static_cast<std::size_t>(options_.match_keyframes));
   for (std::size_t k = 0; k < count; ++k) {
     const DirectIndex* index = database.index(group_[k]);
-    if (index) match_keyframe(image, map.keyframe(group_[k]), *index);
+    if (index) match_keyframe(image, map, map.keyframe(group_[k]), *index);
   }
   // Of what several keyframes say the nearest in descriptor, one point for a measurement and back.
   auto& all = descriptor_matches_;
@@ -160,13 +224,20 @@ void PlaceVerifier::match_descriptors(const PlaceImage& image, const Map& map,
       all.end());
 }
 
-void PlaceVerifier::match_keyframe(const PlaceImage& image, const Keyframe& keyframe,
+void PlaceVerifier::match_keyframe(const PlaceImage& image, const Map& map, const Keyframe& keyframe,
                                    const DirectIndex& index) {
   constexpr std::uint64_t kNone = std::numeric_limits<std::uint64_t>::max();
   const auto key = [](int distance, std::uint32_t i) {
     return static_cast<std::uint64_t>(distance) << 32 | i;
   };
   keyframe_matches_.clear();
+  const Vec3<double> center = keyframe.T_camera_world.inverse().translation();
+  keyframe_sizes_.assign(keyframe.measurements.size(), 0);
+  for (std::size_t j = 0; j < keyframe.points.size(); ++j)
+    if (keyframe.points[j].valid())
+      keyframe_sizes_[j] = size_level(keyframe.measurements[j].octave,
+                                      (map.point(keyframe.points[j]).p_world - center).norm());
+  const auto max_difference = static_cast<float>(options_.max_size_difference);
   best_of_keyframe_.assign(keyframe.measurements.size(), kNone);
   // The candidates of each feature of the image; those of the keyframe choose after all have been seen.
   struct Found {
@@ -185,6 +256,8 @@ void PlaceVerifier::match_keyframe(const PlaceImage& image, const Keyframe& keyf
       int second = std::numeric_limits<int>::max();
       for (const std::uint32_t j : index.features_of(b)) {
         if (j >= keyframe.points.size() || !keyframe.points[j].valid()) continue;
+        // Without depth it may have any size.
+        if (std::abs(image_sizes_[i] - keyframe_sizes_[j]) > max_difference) continue;
         const int distance = hamming_distance(image.descriptors[i], keyframe.descriptors[j]);
         best_of_keyframe_[j] = std::min(best_of_keyframe_[j], key(distance, i));
         if (key(distance, j) < best) {
@@ -311,7 +384,6 @@ void PlaceVerifier::examine(const PlaceImage& image, const Map& map, const SE3d&
 
   match.T_camera_world = pose.T_camera_world;
   match.covariance = pose.covariance;
-  std::bitset<kColumns * kRows> cells;
   for (std::size_t k = 0; k < observed_.size(); ++k) {
     if (!inlier_[k]) continue;
     match.pairs.push_back(observed_[k]);
@@ -319,10 +391,9 @@ void PlaceVerifier::examine(const PlaceImage& image, const Map& map, const SE3d&
     const auto cell = [](double x, double low, double high, int count) {
       return std::clamp(static_cast<int>((x - low) / (high - low) * count), 0, count - 1);
     };
-    cells.set(static_cast<std::size_t>(cell(m.v, view_.v_min, view_.v_max, kRows) * kColumns +
-                                       cell(m.u, view_.u_min, view_.u_max, kColumns)));
+    match.cells.set(static_cast<std::size_t>(cell(m.v, view_.v_min, view_.v_max, kRows) * kColumns +
+                                             cell(m.u, view_.u_min, view_.u_max, kColumns)));
   }
-  match.cells = static_cast<int>(cells.count());
   match.off_plane = count_off_plane();
   std::sort(match.pairs.begin(), match.pairs.end(),
             [](const PlacePair& a, const PlacePair& b) { return a.measurement < b.measurement; });

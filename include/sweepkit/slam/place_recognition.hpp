@@ -2,6 +2,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
+#include <bitset>
 #include <deque>
 #include <memory>
 #include <optional>
@@ -31,6 +32,10 @@ struct PlaceRecognizerOptions {
   double max_speed = 1;
   double max_turn_rate = 180;
   double rival_share = 0.4;
+  bool pool = true;
+  double pooled_inverse_share = 0.25;
+  double pooled_seen_share = 0.08;
+  double pooled_off_plane = 0.2;
   int stranger_history = 40;
   int stranger_views = 4;
   double stranger_travel = 1;
@@ -62,6 +67,14 @@ struct PlaceRecognizerOptions {
     v(max_turn_rate, "max_turn_rate", "deg/s", range(0, 10000), "and turn");
     v(rival_share, "rival_share", "", range(0, 1),
       "another place with so large a share of the best one's points makes it ambiguous");
+    v(pool, "pool", "", any_value(),
+      "frames that none alone tells the place of are asked together, if odometry and gravity are known");
+    v(pooled_inverse_share, "pooled_inverse_share", "", range(0, 1), "verifier.min_inverse_share for them");
+    v(pooled_seen_share, "pooled_seen_share", "", range(0, 1),
+      "verifier.min_seen_share for them, from far ahead few points look as they did ...");
+    v(pooled_off_plane, "pooled_off_plane", "", range(0, 1),
+      "... where so large a share of what agrees lies off the main plane: a thing that stands elsewhere too "
+      "has few planes");
     v(stranger_history, "stranger_history", "images", range(1, 1000),
       "views that are asked where another map is met that odometry knows no way to");
     v(stranger_views, "stranger_views", "images", range(1, 100),
@@ -102,7 +115,9 @@ class PlaceRecognizer {
                                  std::span<const MapId> one_frame = {});
 
   /// A frame that belongs to no map. Frames come in the order of time; each that moved on confirms or
-  /// contradicts what those before said.
+  /// contradicts what those before said. Where none alone has enough to tell, but odometry and gravity are
+  /// known, the matches of all are pooled: one pose for all, and what speaks for and against it is summed.
+  /// The frame itself may then have no pairs: its place is that of those before, by odometry.
   /// @param gravity_camera which way gravity pulls in the rectified left camera, unit; null if not known
   /// @param gravity_world the same in the maps
   /// @param T_camera_odom where odometry says that the camera is, in any frame that stays; null without
@@ -119,6 +134,19 @@ class PlaceRecognizer {
     std::optional<SE3d> T_camera_odom;
     std::optional<Vec3<double>> gravity_camera;
     std::optional<PlaceMatch> match;  // verified on its own
+    std::vector<PlaceGroup> groups;   // that look like it
+  };
+
+  // What several images say of one place for all of them.
+  struct Pooled {
+    PlaceMatch match;              // of the newest image
+    std::vector<SE3d> confirming;  // T_camera_world of the images that agree
+    int denials = 0;
+    int inliers = 0, off_plane = 0;  // sums
+    std::bitset<40> cells;           // of all their views
+    std::size_t most_cells = 0;      // of one
+    double seen_share = 0, inverse_share = 0, contradictions = 0;
+    Mat6<double> covariance = Mat6<double>::Identity();  // in the image that has the most points
   };
 
   // Doubts: most of what should be seen is missing, what is there agrees.
@@ -137,11 +165,21 @@ class PlaceRecognizer {
     SE3d T_camera_world;
   };
 
-  std::optional<PlaceMatch> best_candidate(const Map& map, const PlaceImage& image, PlaceHints hints,
+  std::optional<PlaceMatch> best_candidate(const Map& map, const PlaceImage& image,
+                                           std::span<const PlaceGroup> groups, PlaceHints hints,
                                            MapId own_map, std::span<const MapId> one_frame = {});
+  std::optional<PlaceMatch> locate_together(const Map& map, const Seen& now,
+                                            const Vec3<double>& gravity_world);
+  std::vector<PlaceGroup> groups_of(std::span<const Seen* const> seen, const Map& map) const;
+  Pooled examine_together(const Map& map, std::span<const Seen* const> seen, MapId target,
+                          const SE3d& T_first_world, const Vec3<double>& gravity_world);
+  PlaceRejection judge(const Pooled& pooled) const;
+  std::optional<PlaceCheck> check_at(const Map& map, const PlaceImage& image, const SE3d& T_camera_world,
+                                     MapId target, const PlaceHints& hints);
   bool same_place(const SE3d& T_a_world, const SE3d& T_b_world, double travelled) const;
   Witness ask(const Map& map, const PlaceImage& image, const SE3d& T_camera_world, MapId target,
               double travelled, const PlaceHints& hints, double* contradictions = nullptr);
+  bool far_apart(std::span<const SE3d> poses) const;
   bool convinced(const std::vector<SE3d>& confirming, int denials, PlaceMatch& match);
   bool convinced_of_stranger(const Testimony& testimony, PlaceMatch& match);
   void remember(Seen&& now);

@@ -3,6 +3,7 @@
 #pragma once
 
 #include <array>
+#include <bitset>
 #include <cstddef>
 #include <cstdint>
 #include <optional>
@@ -27,6 +28,7 @@ struct PlaceVerifierOptions {
   int max_distance = 64;
   double ratio = 0.9;
   bool check_orientation = true;
+  double max_size_difference = 1.5;
   int match_keyframes = 5;
   int group_keyframes = 15;
   int min_matches = 15;
@@ -49,6 +51,7 @@ struct PlaceVerifierOptions {
   double prior_position_floor = 0.1;
   double prior_rotation_floor = 2;
   PnpOptions pnp = {.threshold = 4, .min_inliers = 12, .ransac = {}};
+  PnpOptions pooled = {.threshold = 4, .min_inliers = 8, .ransac = {.max_iterations = 5000}};
   ProjectionOptions projection = {.max_distance = 80, .ratio = 0.9};
   PoseOptions pose;
 
@@ -58,6 +61,8 @@ struct PlaceVerifierOptions {
     v(ratio, "ratio", "", range(0.1, 1), "the best must lie below this part of the second best");
     v(check_orientation, "check_orientation", "", any_value(),
       "keep only matches that agree on how much the image turned");
+    v(max_size_difference, "max_size_difference", "levels", range(0, 100),
+      "largest difference in size between what two key points show, by depth and octave: stereo knows both");
     v(match_keyframes, "match_keyframes", "keyframes", range(1, 100),
       "the candidate and its best neighbours, whose descriptors are compared with the image's");
     v(group_keyframes, "group_keyframes", "keyframes", range(1, 200),
@@ -97,6 +102,7 @@ struct PlaceVerifierOptions {
       "standard deviation added to that expectation");
     v(prior_rotation_floor, "prior_rotation_floor", "deg", range(0, 180), "and to its rotation");
     v.group(pnp, "pnp", "pose from matches of descriptors");
+    v.group(pooled, "pooled", "the same from those of several images");
     v.group(projection, "projection", "matches near predicted places");
     v.group(pose, "pose", "pose from these");
   }
@@ -162,7 +168,7 @@ struct PlaceMatch {
   double inverse_share = 0;   ///< the same the other way, for the image's points in the candidate
   double contradictions = 0;  ///< share of points through which the other image looks
   int off_plane = 0;          ///< inliers off the plane on which most of them lie
-  int cells = 0;              ///< of the image's 8 x 5, that have an inlier
+  std::bitset<40> cells;      ///< of the image's 8 x 5, row by row, that have an inlier
   int confirmations = 1;      ///< images that say so, this one among them
 };
 
@@ -189,6 +195,21 @@ struct PlaceHints {
   std::optional<PlacePrior> prior;
 };
 
+/// One of several images whose way from one to the other is known.
+struct PlaceView {
+  const PlaceImage* image = nullptr;
+  SE3d T_view_first;  ///< the first one's rectified left camera to this one's
+};
+
+/// Where several images together say that the first was taken; to be verified.
+struct PlaceProposal {
+  SE3d T_first_world;
+  int matches = 0;  ///< of descriptors, in all images
+  int inliers = 0;  ///< of these, that agree on the pose
+};
+
+struct PooledMatch;
+
 /// Decides whether an image shows the place of a keyframe: matches of descriptors below the same nodes of the
 /// vocabulary, a pose by RANSAC (P3P, or two points where gravity is known; stereo fixes the scale), points
 /// of the keyframe and its neighbours looked for where that pose predicts them, a robust refinement, and then
@@ -210,6 +231,22 @@ class PlaceVerifier {
   PlaceCheck verify_at(const PlaceImage& image, const Map& map, KeyframeId candidate,
                        const SE3d& T_camera_world, const PlaceHints& hints = {});
 
+  /// Whether a covariance is within max_position_sigma and max_rotation_sigma.
+  bool certain(const Mat6<double>& covariance) const;
+
+  /// Where images were taken of which none alone has enough matches: those of all, over the known way from
+  /// one to the other, on one pose.
+  /// @param gravity_first, gravity_world which way gravity pulls in the first image's rectified left camera
+  ///   and in the candidate's map, unit
+  std::optional<PlaceProposal> propose(std::span<const PlaceView> views, const Map& map,
+                                       const PlaceDatabase& database, KeyframeId candidate,
+                                       const Vec3<double>& gravity_first, const Vec3<double>& gravity_world);
+
+  /// One pose for several images from what each found on its own near it.
+  /// @param pairs for each image, as PlaceMatch::pairs
+  SE3d refine_together(std::span<const PlaceView> views, std::span<const std::vector<PlacePair>> pairs,
+                       const Map& map, const SE3d& T_first_world) const;
+
  private:
   struct PoolPoint {
     PointId id;
@@ -228,7 +265,10 @@ class PlaceVerifier {
 
   void collect_group(const Map& map, KeyframeId candidate, const PlaceImage& image);
   void match_descriptors(const PlaceImage& image, const Map& map, const PlaceDatabase& database);
-  void match_keyframe(const PlaceImage& image, const Keyframe& keyframe, const DirectIndex& index);
+  PooledMatch pooled_match(std::size_t view, const Measurement& m, const Vec3<double>& p_world) const;
+  void match_keyframe(const PlaceImage& image, const Map& map, const Keyframe& keyframe,
+                      const DirectIndex& index);
+  float size_level(int octave, double distance) const;
   std::optional<SE3d> coarse_pose(const PlaceImage& image, const Map& map, const PlaceHints& hints);
   PoseResult match_projected(const PlaceImage& image, const SE3d& T_camera_world, double radius);
   void examine(const PlaceImage& image, const Map& map, const SE3d& T_start, const PlaceHints& hints,
@@ -253,6 +293,7 @@ class PlaceVerifier {
   std::vector<PoolPoint> pool_;  // by id
   std::vector<DescriptorMatch> descriptor_matches_, keyframe_matches_;
   std::vector<std::uint64_t> best_of_keyframe_;
+  std::vector<float> image_sizes_, keyframe_sizes_;  // NaN where not known
   std::vector<ProjectionQuery> queries_;
   std::vector<OrbDescriptor> query_descriptors_;
   std::vector<std::uint32_t> asked_;
