@@ -287,6 +287,7 @@ Outcome kidnap(const SeenFrames& mapped, const SeenFrames& queries, const Option
   Random random(static_cast<std::uint64_t>(options.seed));
   if (options.kidnaps > 0) {
     std::vector<std::size_t> drawn;
+    drawn.reserve(static_cast<std::size_t>(options.kidnaps));
     for (int k = 0; k < options.kidnaps; ++k) drawn.push_back(starts[random.index(starts.size())]);
     starts = drawn;
   }

@@ -44,6 +44,7 @@ std::vector<PlaceGroup> PlaceRecognizer::groups_of(std::span<const Seen* const> 
       sum.score += group.score;
     }
   std::vector<PlaceGroup> out;
+  out.reserve(groups.size());
   for (auto& [id, group] : groups) out.push_back(std::move(group));
   std::stable_sort(out.begin(), out.end(), [](const auto& a, const auto& b) { return a.score > b.score; });
   if (out.size() > static_cast<std::size_t>(options_.database.max_candidates))
@@ -162,6 +163,7 @@ std::optional<PlaceMatch> PlaceRecognizer::locate_together(const Map& map, const
     if (one->T_camera_odom && one->gravity_camera) seen.push_back(&*one);
   if (static_cast<int>(seen.size()) < options_.confirmations) return std::nullopt;
   std::vector<PlaceView> views;
+  views.reserve(seen.size());
   for (const Seen* one : seen)
     views.push_back({&one->image, *one->T_camera_odom * now.T_camera_odom->inverse()});
 
