@@ -228,7 +228,6 @@ TEST_CASE("Frames that none alone tells the place of are located together", "[pl
       CHECK(found->confirmations >= 3);
       return true;
     }
-    CAPTURE(to_string(places.last_rejection()));
     return false;
   };
   PlaceRecognizerOptions alone;

@@ -20,16 +20,7 @@ constexpr std::size_t kFewPairs = 5;      // fewer points say nothing of where a
 constexpr std::size_t kTries = 4;         // so many images without points are enough to give up
 constexpr std::size_t kManyPairs = 20;    // so many, on another pose, deny
 
-// Places farther apart than this are two; nearer ones may be one, found worse.
-constexpr double kOtherPlace = 0.5;      // [m]
-constexpr double kOtherPlaceAngle = 10;  // [deg]
-
 double degrees(const SE3d& T) { return T.rotation().angle() / kDegree; }
-
-bool other_place(const SE3d& T_a_world, const SE3d& T_b_world) {
-  const SE3d T_a_b = T_a_world * T_b_world.inverse();
-  return T_a_b.translation().norm() > kOtherPlace || degrees(T_a_b) > kOtherPlaceAngle;
-}
 
 }  // namespace
 
@@ -167,17 +158,18 @@ std::optional<PlaceMatch> PlaceRecognizer::locate_together(const Map& map, const
   for (const Seen* one : seen)
     views.push_back({&one->image, *one->T_camera_odom * now.T_camera_odom->inverse()});
 
-  std::vector<SE3d> proposed;
+  std::vector<std::pair<MapId, SE3d>> proposed;
   std::vector<Pooled> places;  // believed or not
   std::optional<std::size_t> best;
   for (const PlaceGroup& group : groups_of(seen, map)) {
     const auto proposal =
         verifier_.propose(views, map, database_, group.best, *now.gravity_camera, gravity_world);
     if (!proposal) continue;
-    if (std::any_of(proposed.begin(), proposed.end(),
-                    [&](const SE3d& T) { return same_place(T, proposal->T_first_world, 0); }))
+    if (std::any_of(proposed.begin(), proposed.end(), [&](const auto& p) {
+          return p.first == group.map && same_place(p.second, proposal->T_first_world, 0);
+        }))
       continue;
-    proposed.push_back(proposal->T_first_world);
+    proposed.emplace_back(group.map, proposal->T_first_world);
     places.push_back(examine_together(map, seen, group.map, proposal->T_first_world, gravity_world));
     const PlaceRejection rejection = judge(places.back());
     if (rejection != PlaceRejection::none)
@@ -188,7 +180,8 @@ std::optional<PlaceMatch> PlaceRecognizer::locate_together(const Map& map, const
   if (!best) return std::nullopt;
   // A rival need not be believed to speak against the best.
   for (const Pooled& other : places)
-    if (other_place(other.match.T_camera_world, places[*best].match.T_camera_world) &&
+    if (other.match.map == places[*best].match.map &&
+        other_place(other.match.T_camera_world, places[*best].match.T_camera_world) &&
         other.inliers >= options_.rival_share * places[*best].inliers) {
       reject(PlaceRejection::ambiguous);
       return std::nullopt;

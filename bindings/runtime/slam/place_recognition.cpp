@@ -103,6 +103,11 @@ void PlaceRecognizer::reject(PlaceRejection rejection) {
 
 void PlaceRecognizer::forget() { seen_.clear(); }
 
+bool PlaceRecognizer::other_place(const SE3d& T_a_world, const SE3d& T_b_world) {
+  const SE3d T_a_b = T_a_world * T_b_world.inverse();
+  return T_a_b.translation().norm() > kOtherPlace || degrees(T_a_b) > kOtherPlaceAngle;
+}
+
 bool PlaceRecognizer::same_place(const SE3d& T_a_world, const SE3d& T_b_world, double travelled) const {
   const SE3d T_a_b = T_a_world * T_b_world.inverse();
   return T_a_b.translation().norm() <= options_.consistent_distance + options_.drift * travelled &&
@@ -287,9 +292,7 @@ std::optional<PlaceMatch> PlaceRecognizer::feed(const Map& map, KeyframeId id, c
       const Keyframe* other = map.find(claim.keyframe);
       if (!other || other->map != keyframe.map || claim.map != match->map) continue;
       const SE3d T_predicted = other->T_camera_world * T_own_target;
-      const SE3d T = claim.T_camera_world * T_predicted.inverse();
-      if (T.translation().norm() > kOtherPlace || degrees(T) > kOtherPlaceAngle)
-        testimony.denying.push_back(T_predicted);
+      if (other_place(claim.T_camera_world, T_predicted)) testimony.denying.push_back(T_predicted);
     }
     if (!convinced_of_stranger(testimony, *match)) return std::nullopt;
   }

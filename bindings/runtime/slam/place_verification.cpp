@@ -126,8 +126,9 @@ std::optional<PlaceProposal> PlaceVerifier::propose(std::span<const PlaceView> v
                                                     const Vec3<double>& gravity_world) {
   std::vector<PooledMatch> pooled;
   std::vector<SE3d> T_view_first;
+  if (views.empty()) return std::nullopt;
+  collect_group(map, candidate, *views.front().image);
   for (const PlaceView& view : views) {
-    collect_group(map, candidate, *view.image);
     match_descriptors(*view.image, map, database);
     for (const DescriptorMatch& match : descriptor_matches_) {
       pooled.push_back(pooled_match(T_view_first.size(), view.image->measurements[match.measurement],

@@ -136,11 +136,8 @@ std::optional<PooledPose> solve_pooled_pose(std::span<const PooledMatch> matches
   const PooledEstimator estimator(matches, views, options);
   const auto found = ransac(estimator, options.ransac);
   if (!found || static_cast<int>(found->inliers.size()) < options.min_inliers) return std::nullopt;
-  std::vector<std::uint8_t> seen(views.T_view_first.size(), 0);
-  for (const int i : found->inliers) seen[matches[static_cast<std::size_t>(i)].view] = 1;
   return PooledPose{.T_first_world = found->model.T_world_camera().inverse(),
-                    .inliers = static_cast<int>(found->inliers.size()),
-                    .views = static_cast<int>(std::count(seen.begin(), seen.end(), 1))};
+                    .inliers = static_cast<int>(found->inliers.size())};
 }
 
 SE3d refine_pooled_pose(std::span<const PooledMatch> matches, const PooledViews& views,

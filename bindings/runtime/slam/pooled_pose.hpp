@@ -2,7 +2,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
-#include <limits>
+#include <cstddef>
 #include <optional>
 #include <span>
 
@@ -30,17 +30,16 @@ struct PooledViews {
   double baseline = 0;                                  ///< [m]
 };
 
-/// How several images taken along a known way stand in the map, from matches too few in each of them. Two
-/// matches with depth, of any two images, fix the turn about gravity and the translation; pairs whose
-/// distance or height differs between the map and the images are no sample, which most wrong ones are.
-/// Reprojection errors in all images score and refine, in six degrees of freedom.
 struct PooledPose {
   SE3d T_first_world;
   int inliers = 0;
-  int views = 0;  ///< that have one
 };
 
-/// Deterministic. Nothing below options.min_inliers.
+/// How several images taken along a known way stand in the map, from matches too few in each of them. Two
+/// matches with depth, of any two images, fix the turn about gravity and the translation; pairs whose
+/// distance or height differs between the map and the images are no sample, which most wrong ones are.
+/// Reprojection errors in all images score and refine, in six degrees of freedom. Deterministic. Nothing
+/// below options.min_inliers.
 std::optional<PooledPose> solve_pooled_pose(std::span<const PooledMatch> matches, const PooledViews& views,
                                             const PnpOptions& options);
 

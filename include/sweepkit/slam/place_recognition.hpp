@@ -176,6 +176,7 @@ class PlaceRecognizer {
   PlaceRejection judge(const Pooled& pooled) const;
   std::optional<PlaceCheck> check_at(const Map& map, const PlaceImage& image, const SE3d& T_camera_world,
                                      MapId target, const PlaceHints& hints);
+  static bool other_place(const SE3d& T_a_world, const SE3d& T_b_world);
   bool same_place(const SE3d& T_a_world, const SE3d& T_b_world, double travelled) const;
   Witness ask(const Map& map, const PlaceImage& image, const SE3d& T_camera_world, MapId target,
               double travelled, const PlaceHints& hints, double* contradictions = nullptr);
