@@ -2,6 +2,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "sweepkit/data/drive.hpp"
 
+#include <array>
 #include <catch2/catch.hpp>
 #include <cmath>
 #include <numbers>
@@ -187,6 +188,32 @@ TEST_CASE("carried through the air the wheels do not count the way", "[drive]") 
   // They run on for 1.6 s.
   CHECK(rolled > 0.2);
   CHECK(rolled < 0.6);
+}
+
+TEST_CASE("carried anywhere it is put down in all rooms, where it fits and could have driven", "[drive]") {
+  const World world;
+  std::vector<DriveStep> steps;
+  for (int k = 0; k < 24; ++k) {
+    DriveStep carry = step(Kind::carry);
+    carry.seconds = 1;
+    steps.push_back(carry);
+    steps.push_back(stand(1));
+  }
+  const Drive drive = world.drive(script(steps));
+  int west = 0, east = 0;
+  std::array<int, 4> quadrants{};
+  for (int k = 0; k < 24; ++k) {
+    const SE3d T = drive.base.pose(2 * k + 1.5);
+    const Vec3<double>& p = T.translation();
+    CHECK(world.plan.clearance(p.x(), p.y()) >= world.robot.radius + world.robot.margin - 1e-6);
+    ++(world.plan.room_at(p.x(), p.y()) == 0 ? west : east);
+    ++quadrants[static_cast<std::size_t>(std::floor(yaw_of(T) / (90 * kRad)) + 2) % 4];
+  }
+  CHECK(west >= 5);
+  CHECK(east >= 5);
+  for (const int count : quadrants) CHECK(count >= 1);
+  const Drive again = world.drive(script(steps));
+  CHECK(again.base.pose(30).translation() == drive.base.pose(30).translation());
 }
 
 TEST_CASE("slip slows a robot, hanging stops it, a bump throws it back", "[drive]") {

@@ -158,6 +158,18 @@ class DriveBuilder {
     return best;
   }
 
+  // Anywhere in the flat that the robot could drive to from its start.
+  Vec2<double> any_spot() {
+    Vec2<double> low = Vec2<double>::Constant(1e9), high = -low;
+    for (const Room& room : scene_.rooms)
+      for (const auto& corner : room.corners) low = low.cwiseMin(corner), high = high.cwiseMax(corner);
+    for (int i = 0; i < 1000; ++i) {
+      const Vec2<double> p(random_.uniform(low.x(), high.x()), random_.uniform(low.y(), high.y()));
+      if (plan_.room_at(p.x(), p.y()) >= 0 && planner_.is_free(p, p) && planner_.route(home_, p)) return p;
+    }
+    throw Error(ErrorKind::data, place_, "found nowhere in the flat where the robot fits");
+  }
+
   void add(double duration, Pose pose, bool lifted = false) {
     if (duration <= 0.0) return;
     if (time_ + duration > 1e5) throw Error(ErrorKind::data, place_, "the drive takes more than a day");
@@ -330,8 +342,10 @@ class DriveBuilder {
 
   void carry(const DriveStep& step) {
     const SE3d from = stance_(p_, yaw_);
-    const Vec2<double> goal = step.points.back();
-    const double yaw = step.yaw.value_or(yaw_);
+    const bool anywhere = step.points.empty();
+    const Vec2<double> goal = anywhere ? any_spot() : step.points.back();
+    const double yaw =
+        step.yaw.value_or(anywhere ? random_.uniform(-std::numbers::pi, std::numbers::pi) : yaw_);
     if (Vec2<double> at; !planner_.is_free(goal, goal, robot_.radius, &at))
       refuse("the robot does not fit where it is put down", at);
     const SE3d to = stance_(goal, yaw);

@@ -117,9 +117,13 @@ DriveStep read_step(const YamlNode& node, const Scene& scene) {
   } else if (name == "carry") {
     value.allow({"to", "height", "seconds"});
     step.kind = Kind::carry;
-    const Place place = read_place(value.at("to"), scene);
-    step.points = {place.p};
-    step.yaw = place.yaw;
+    if (const YamlNode goal = value.at("to"); goal.is_list()) {
+      const Place place = read_place(goal, scene);
+      step.points = {place.p};
+      step.yaw = place.yaw;
+    } else if (goal.text() != "anywhere") {
+      throw goal.error("must be [x, y], [x, y, yaw] or anywhere", goal.text());
+    }
     step.seconds = 5.0;
     value.read("height", step.height, range(0.01, 2.0));
     value.read("seconds", step.seconds, range(0.5, 600.0));

@@ -59,7 +59,8 @@ struct DriveStep {
     follow_wall,  ///< with the wall to the right, `distance` from it, along `length`
     face_wall,    ///< up to `wall` of `room`, `along` from its first corner, `distance` before it; dwell
                   ///< `seconds`
-    carry,        ///< lifted by `height` and put down at the last of `points` with `yaw` after `seconds`
+    carry,        ///< lifted by `height` and put down at the last of `points` with `yaw` after `seconds`;
+                  ///< without points anywhere it could have driven to, with any heading
     cover,        ///< lanes over all rooms, for at most `seconds`
     home,         ///< back to the start and to its heading
   };
@@ -127,7 +128,7 @@ struct Drive {
 /// spline has a knot each 10 ms.
 /// @param duration of the recording [s]; 0: until the script is done and one second more. A script that is
 ///   longer is cut off, after a shorter one the robot stands
-/// @param seed of what is left to chance: start, order and direction of lanes
+/// @param seed of what is left to chance: start, order and direction of lanes, where it is put down
 /// @throws Error(data) that names place and position: a start or way through furniture, a goal that cannot be
 ///   reached, unknown rooms; Error(option) for options out of range
 Drive make_drive(const Scene& scene, const FloorPlan& plan, const RobotOptions& robot,
