@@ -190,8 +190,18 @@ TEST_CASE("carried through the air the wheels do not count the way", "[drive]") 
   CHECK(rolled < 0.6);
 }
 
-TEST_CASE("carried anywhere it is put down in all rooms, where it fits and could have driven", "[drive]") {
-  const World world;
+TEST_CASE("carried anywhere it is put down in all rooms, where it fits and nothing is overhead", "[drive]") {
+  Scene scene = two_rooms();
+  SceneObject table;  // it could drive under it
+  table.kind = ObjectKind::table, table.name = "table", table.centre = {6.2, 1.5},
+  table.size = {1.8, 1.2, 0.7};
+  scene.objects = {scene.objects[0], table};
+  scene.check();
+  const World world{.scene = scene, .plan = FloorPlan(scene), .robot = {}};
+  REQUIRE(world.plan.is_free(6.2, 1.5, world.robot.radius));
+  CHECK_FALSE(world.plan.open_above(6.2, 1.5, world.robot.radius));
+  CHECK(world.plan.open_above(6.2, 2.2 + world.robot.radius, world.robot.radius));
+  CHECK_FALSE(world.plan.open_above(6.2, 1.98 + world.robot.radius, world.robot.radius));
   std::vector<DriveStep> steps;
   for (int k = 0; k < 24; ++k) {
     DriveStep carry = step(Kind::carry);
@@ -206,6 +216,7 @@ TEST_CASE("carried anywhere it is put down in all rooms, where it fits and could
     const SE3d T = drive.base.pose(2 * k + 1.5);
     const Vec3<double>& p = T.translation();
     CHECK(world.plan.clearance(p.x(), p.y()) >= world.robot.radius + world.robot.margin - 1e-6);
+    CHECK(world.plan.open_above(p.x(), p.y(), world.robot.radius - 1e-6));
     ++(world.plan.room_at(p.x(), p.y()) == 0 ? west : east);
     ++quadrants[static_cast<std::size_t>(std::floor(yaw_of(T) / (90 * kRad)) + 2) % 4];
   }

@@ -158,14 +158,16 @@ class DriveBuilder {
     return best;
   }
 
-  // Anywhere in the flat that the robot could drive to from its start.
+  // Anywhere that the robot could drive to from its start and a hand can put it down.
   Vec2<double> any_spot() {
     Vec2<double> low = Vec2<double>::Constant(1e9), high = -low;
     for (const Room& room : scene_.rooms)
       for (const auto& corner : room.corners) low = low.cwiseMin(corner), high = high.cwiseMax(corner);
     for (int i = 0; i < 1000; ++i) {
       const Vec2<double> p(random_.uniform(low.x(), high.x()), random_.uniform(low.y(), high.y()));
-      if (plan_.room_at(p.x(), p.y()) >= 0 && planner_.is_free(p, p) && planner_.route(home_, p)) return p;
+      if (plan_.room_at(p.x(), p.y()) >= 0 && planner_.is_free(p, p) &&
+          plan_.open_above(p.x(), p.y(), robot_.radius) && planner_.route(home_, p))
+        return p;
     }
     throw Error(ErrorKind::data, place_, "found nowhere in the flat where the robot fits");
   }

@@ -62,7 +62,7 @@ struct FloorPlan::Shapes {
   std::vector<std::vector<Vec2d>> rooms;
   std::vector<Opening> openings;
   std::vector<Segment> walls;
-  std::vector<Footprint> obstacles;
+  std::vector<Footprint> obstacles, overhead;
   std::vector<Rise> rises;
   Vec2d low, high;
 
@@ -150,6 +150,7 @@ FloorPlan::FloorPlan(const Scene& scene) {
     for (const Solid& solid : object_solids(object, static_cast<int>(i))) {
       const Footprint f = footprint(solid);
       if (f.high > kLowest && f.low < kHighest) s.obstacles.push_back(f);
+      if (f.high > kHighest) s.overhead.push_back(f);
     }
   }
   shapes_ = std::move(shapes);
@@ -176,6 +177,12 @@ double FloorPlan::clearance(double x, double y) const {
     nearest = std::min(nearest, f.distance(p));
   }
   return nearest;
+}
+
+bool FloorPlan::open_above(double x, double y, double radius) const {
+  return std::none_of(shapes_->overhead.begin(), shapes_->overhead.end(), [&](const Footprint& f) {
+    return f.distance({x, y}) < radius;
+  });
 }
 
 int FloorPlan::room_at(double x, double y) const { return shapes_->room_at({x, y}); }

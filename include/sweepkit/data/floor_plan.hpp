@@ -31,6 +31,8 @@ class FloorPlan {
   /// Distance to the nearest wall or obstacle; negative inside of one and outside of the flat.
   double clearance(double x, double y) const;
   bool is_free(double x, double y, double radius) const { return clearance(x, y) >= radius; }
+  /// Whether nothing is overhead so far around, neither table nor bed: a hand can put the robot down there.
+  bool open_above(double x, double y, double radius) const;
   /// Index of the room around a point; -1 in doors and outside.
   int room_at(double x, double y) const;
   /// Whether a point lies on a carpet, and which object that is; -1 on none.
