@@ -4,6 +4,7 @@
 
 #include <catch2/catch.hpp>
 #include <numbers>
+#include <utility>
 
 #include "slam/place_world.hpp"
 
@@ -96,13 +97,16 @@ TEST_CASE("A room that looks like another of the same map is no loop: odometry k
   CHECK(places.counts().accepted == 0);
 }
 
-TEST_CASE("A sub-map is joined to an older one, later where odometry knows no way", "[place]") {
-  for (const bool one_frame : {true, false}) {
+TEST_CASE("A sub-map is joined to an older one, later where odometry knows no way and twins are feared",
+          "[place]") {
+  for (const auto [one_frame, twins] : {std::pair{true, true}, {false, true}, {false, false}}) {
     PlaceWorld world;
     world.add_room(0, 0, 1400, 1);
     Map map;
     const MapId first = map.add_map();
-    PlaceRecognizer places = recognizer(world, careful());
+    PlaceRecognizerOptions options = careful();
+    options.twins = twins;
+    PlaceRecognizer places = recognizer(world, options);
     std::uint64_t seed = 1;
     for (int k = 0; k < 14; ++k) {
       const SE3d T = drive_view(0, -0.4, k);
@@ -125,10 +129,10 @@ TEST_CASE("A sub-map is joined to an older one, later where odometry knows no wa
       CHECK(error.translation().norm() < 0.02);
       CHECK(degrees(error) < 0.5);
     }
-    CAPTURE(one_frame, k, to_string(places.last_rejection()));
+    CAPTURE(one_frame, twins, k, to_string(places.last_rejection()));
     REQUIRE(found);
     // 0.13 m from one keyframe to the next.
-    if (one_frame)
+    if (one_frame || !twins)
       CHECK(k <= 5);
     else
       CHECK(k >= 8);
@@ -236,6 +240,54 @@ TEST_CASE("Frames that none alone tells the place of are located together", "[pl
   CHECK(drive({}, true, true));
   CHECK_FALSE(drive({}, false, true));
   CHECK_FALSE(drive({}, true, false));
+}
+
+TEST_CASE("Keyframes that none alone tells the place of join another map together where twins are not feared",
+          "[place]") {
+  const Vec3<double> gravity = PlaceWorld::gravity();
+  const auto drive = [&](bool twins, bool pool) {
+    PlaceWorld world;
+    world.add_room(0, 0, 300, 1);
+    Map map;
+    PlaceRecognizerOptions options;
+    options.twins = twins;
+    options.pool = pool;
+    PlaceRecognizer places = recognizer(world, options);
+    const MapId first = map.add_map(), second = map.add_map();
+    for (int k = 0; k < 8; ++k) {
+      const SE3d T = drive_view(0, 0, k);
+      places.feed(map, world.add_keyframe(map, first, T, T, static_cast<std::uint64_t>(k), k * kSecond),
+                  &gravity);
+    }
+    // The second map stands elsewhere, but upright. A third of what it sees looks as it did.
+    const SE3d T_first_second(SO3<double>::exp({0, 0, 2}), {3, -4, 0.1});
+    for (int k = 0; k < 8; ++k) {
+      const SE3d T = drive_view(0.1, 0.1, k);
+      const KeyframeId keyframe =
+          world.add_keyframe(map, second, T, T * T_first_second, 200 + static_cast<std::uint64_t>(k),
+                             (50 + k) * kSecond, true, 0.33);
+      const auto found = places.feed(map, keyframe, &gravity);
+      if (!found) continue;
+      CHECK(found->map == first);
+      REQUIRE(map.find(found->query));
+      CHECK(map.keyframe(found->query).map == second);
+      CHECK(found->pairs.size() >= 5);
+      for (const PlacePair& pair : found->pairs)
+        CHECK(map.keyframe(map.point(pair.point).observations.front().keyframe).map == first);
+      const SE3d T_true = map.keyframe(found->query).T_camera_world * T_first_second.inverse();
+      const SE3d error = T_true * found->T_camera_world.inverse();
+      CHECK(error.translation().norm() < 0.03);
+      CHECK(degrees(error) < 0.5);
+      CHECK(found->confirmations >= 3);
+      const SE3d T_candidate = map.keyframe(found->candidate).T_camera_world;
+      CHECK((found->T_query_candidate * T_candidate * found->T_camera_world.inverse()).log().norm() < 1e-9);
+      return true;
+    }
+    return false;
+  };
+  CHECK(drive(false, true));
+  CHECK_FALSE(drive(false, false));
+  CHECK_FALSE(drive(true, true));
 }
 
 TEST_CASE("Frames located together are of one of two places that fit: none is named", "[place]") {

@@ -122,9 +122,10 @@ class PlaceWorld {
 
   /// Adds a keyframe that sees the world from T_camera_true but stands in the map at T_camera_map, with the
   /// points it shows: known ones of this sub-map observed again, others made from its own stereo.
+  /// @param alike the share of its key points that look like what they show, see confuse()
   KeyframeId add_keyframe(Map& map, MapId map_id, const SE3d& T_camera_true, const SE3d& T_camera_map,
-                          std::uint64_t seed, TimeNs t, bool new_points = false) {
-    const StereoFrame frame = see(T_camera_true, seed);
+                          std::uint64_t seed, TimeNs t, bool new_points = false, double alike = 1) {
+    const StereoFrame frame = confuse(see(T_camera_true, seed), alike, 7);
     Keyframe keyframe;
     keyframe.map = map_id;
     keyframe.t = t;

@@ -111,7 +111,8 @@ std::size_t PlaceDatabase::memory_bytes() const {
   return bytes;
 }
 
-std::vector<PlaceGroup> PlaceDatabase::candidates(const PlaceImage& image, const Map& map) const {
+std::vector<PlaceGroup> PlaceDatabase::candidates(const PlaceImage& image, const Map& map,
+                                                  std::span<const MapId> without) const {
   const Keyframe* self = image.keyframe.valid() ? map.find(image.keyframe) : nullptr;
   const auto excluded = [&](const Keyframe& other) {
     if (!self) return false;
@@ -123,7 +124,9 @@ std::vector<PlaceGroup> PlaceDatabase::candidates(const PlaceImage& image, const
   std::map<MapId, std::vector<BagMatch>> matches;
   for (const BagMatch& match : file_.query(image.bag)) {
     const Keyframe* other = map.find(KeyframeId{match.id});
-    if (!other || other->id == image.keyframe) continue;
+    if (!other || other->id == image.keyframe ||
+        std::find(without.begin(), without.end(), other->map) != without.end())
+      continue;
     if (excluded(*other)) {
       reference = std::max(reference, match.score);
       continue;

@@ -24,12 +24,13 @@ double degrees(const SE3d& T) { return T.rotation().angle() / kDegree; }
 
 }  // namespace
 
-// Groups that look like one of the images, by their likeness to all of them.
-std::vector<PlaceGroup> PlaceRecognizer::groups_of(std::span<const Seen* const> seen, const Map& map) const {
+// Groups of maps not yet known that look like one of the images, by their likeness to all of them.
+std::vector<PlaceGroup> PlaceRecognizer::groups_of(std::span<const Seen* const> seen, const Map& map,
+                                                   std::span<const MapId> known) const {
   std::map<KeyframeId, PlaceGroup> groups;
   for (const Seen* one : seen)
     for (const PlaceGroup& group : one->groups) {
-      if (!map.find(group.best)) continue;
+      if (!map.find(group.best) || std::find(known.begin(), known.end(), group.map) != known.end()) continue;
       PlaceGroup& sum =
           groups.try_emplace(group.best, PlaceGroup{group.best, group.map, 0, {}}).first->second;
       sum.score += group.score;
@@ -104,7 +105,7 @@ PlaceRecognizer::Pooled PlaceRecognizer::examine_together(const Map& map, std::s
     if (itself || pairs > anchor_pairs) {
       anchor_pairs = itself ? std::numeric_limits<std::size_t>::max() : pairs;
       const SE3d T_first_view = T_view_first.inverse();
-      pooled.covariance = match.covariance;
+      pooled.anchor = match;
       pooled.match = std::move(match);
       if (one == seen.front()) continue;
       // On from there by odometry.
@@ -120,7 +121,7 @@ PlaceRecognizer::Pooled PlaceRecognizer::examine_together(const Map& map, std::s
   pooled.seen_share = pooled.inliers / std::max(1.0, predicted);
   pooled.inverse_share /= std::max(1.0, agreeing);
   pooled.contradictions /= std::max<double>(1, static_cast<double>(pooled.confirming.size()));
-  pooled.match.confirmations = static_cast<int>(pooled.confirming.size());
+  pooled.match.confirmations = pooled.anchor.confirmations = static_cast<int>(pooled.confirming.size());
   return pooled;
 }
 
@@ -138,7 +139,7 @@ PlaceRejection PlaceRecognizer::judge(const Pooled& pooled) const {
     return PlaceRejection::not_seen;
   if (pooled.inverse_share < options_.pooled_inverse_share) return PlaceRejection::not_seen_there;
   if (pooled.contradictions > verifier.max_contradictions) return PlaceRejection::contradicted;
-  if (!verifier_.certain(pooled.covariance)) return PlaceRejection::uncertain;
+  if (!verifier_.certain(pooled.anchor.covariance)) return PlaceRejection::uncertain;
   if (pooled.denials > 0 && 3 * pooled.denials >= static_cast<int>(pooled.confirming.size()))
     return PlaceRejection::inconsistent;
   if (static_cast<int>(pooled.confirming.size()) < options_.confirmations || !far_apart(pooled.confirming))
@@ -146,13 +147,13 @@ PlaceRejection PlaceRecognizer::judge(const Pooled& pooled) const {
   return PlaceRejection::none;
 }
 
-std::optional<PlaceMatch> PlaceRecognizer::locate_together(const Map& map, const Seen& now,
-                                                           const Vec3<double>& gravity_world) {
-  if (!now.T_camera_odom || !now.gravity_camera) return std::nullopt;
-  std::vector<const Seen*> seen{&now};
-  for (auto one = seen_.rbegin(); one != seen_.rend(); ++one)
-    if (one->T_camera_odom && one->gravity_camera) seen.push_back(&*one);
+// The newest comes first; all have odometry and gravity.
+std::optional<PlaceRecognizer::Pooled> PlaceRecognizer::locate_together(const Map& map,
+                                                                        std::span<const Seen* const> seen,
+                                                                        std::span<const MapId> known,
+                                                                        const Vec3<double>& gravity_world) {
   if (static_cast<int>(seen.size()) < options_.confirmations) return std::nullopt;
+  const Seen& now = *seen.front();
   std::vector<PlaceView> views;
   views.reserve(seen.size());
   for (const Seen* one : seen)
@@ -161,7 +162,7 @@ std::optional<PlaceMatch> PlaceRecognizer::locate_together(const Map& map, const
   std::vector<std::pair<MapId, SE3d>> proposed;
   std::vector<Pooled> places;  // believed or not
   std::optional<std::size_t> best;
-  for (const PlaceGroup& group : groups_of(seen, map)) {
+  for (const PlaceGroup& group : groups_of(seen, map, known)) {
     const auto proposal =
         verifier_.propose(views, map, database_, group.best, *now.gravity_camera, gravity_world);
     if (!proposal) continue;
@@ -187,7 +188,35 @@ std::optional<PlaceMatch> PlaceRecognizer::locate_together(const Map& map, const
       return std::nullopt;
     }
   ++counts_.accepted;
-  return std::move(places[*best].match);
+  return std::move(places[*best]);
+}
+
+std::optional<PlaceMatch> PlaceRecognizer::locate_together(const Map& map, const Seen& now,
+                                                           const Vec3<double>& gravity_world) {
+  if (!now.T_camera_odom || !now.gravity_camera) return std::nullopt;
+  std::vector<const Seen*> seen{&now};
+  for (auto one = seen_.rbegin(); one != seen_.rend(); ++one)
+    if (one->T_camera_odom && one->gravity_camera) seen.push_back(&*one);
+  auto pooled = locate_together(map, seen, {}, gravity_world);
+  if (!pooled) return std::nullopt;
+  return std::move(pooled->match);
+}
+
+// The keyframe is the newest of those fed. Its map is their odometry.
+std::optional<PlaceMatch> PlaceRecognizer::feed_together(const Map& map, const Keyframe& keyframe,
+                                                         std::span<const MapId> known,
+                                                         const Vec3<double>& gravity_world) {
+  std::vector<const Seen*> seen;
+  for (auto one = fed_.rbegin(); one != fed_.rend(); ++one) {
+    const Keyframe* other = map.find(one->image.keyframe);
+    if (!other || other->map != keyframe.map) continue;
+    one->T_camera_odom = other->T_camera_world;
+    one->gravity_camera = other->T_camera_world.rotation() * gravity_world;
+    seen.push_back(&*one);
+  }
+  auto pooled = locate_together(map, seen, known, gravity_world);
+  if (!pooled) return std::nullopt;
+  return std::move(pooled->anchor);
 }
 
 }  // namespace sweepkit

@@ -245,19 +245,41 @@ std::optional<PlaceMatch> PlaceRecognizer::feed(const Map& map, KeyframeId id, c
     hints.gravity_camera = keyframe.T_camera_world.rotation() * *gravity;
   }
   hints.prior = PlacePrior{keyframe.T_camera_world, keyframe.covariance};
-  auto match = best_candidate(map, image, database_.candidates(image, map), hints, keyframe.map, one_frame);
-  if (!match) return std::nullopt;
+  std::vector<PlaceGroup> groups = database_.candidates(image, map);
+  const bool pool = options_.pool && !options_.twins && gravity;
+  std::vector<MapId> known(one_frame.begin(), one_frame.end());
+  known.push_back(keyframe.map);
+  if (pool) {
+    // Its neighbours, which may stand close, set no standard of likeness for maps that it knows no way to.
+    std::erase_if(groups, [&](const PlaceGroup& group) {
+      return std::find(known.begin(), known.end(), group.map) == known.end();
+    });
+    for (PlaceGroup& group : database_.candidates(image, map, known)) groups.push_back(std::move(group));
+    fed_.push_back(
+        {.image = image, .T_camera_odom = {}, .gravity_camera = {}, .match = {}, .groups = groups});
+    if (fed_.size() > static_cast<std::size_t>(options_.history)) fed_.pop_front();
+  }
+  auto match = best_candidate(map, image, groups, hints, keyframe.map, one_frame);
+  if (match) match = confirmed(map, keyframe, *match, gravity, one_frame);
+  if (!match && pool) match = feed_together(map, keyframe, known, *gravity);
+  if (match) claims_.clear();
+  return match;
+}
 
+// The same match, if the keyframes around do not contradict it.
+std::optional<PlaceMatch> PlaceRecognizer::confirmed(const Map& map, const Keyframe& keyframe,
+                                                     PlaceMatch match, const Vec3<double>* gravity,
+                                                     std::span<const MapId> one_frame) {
   // What this match says of all keyframes around, those must not contradict.
-  const SE3d T_own_target = keyframe.T_camera_world.inverse() * match->T_camera_world;
-  const bool stranger = match->map != keyframe.map &&
-                        std::find(one_frame.begin(), one_frame.end(), match->map) == one_frame.end();
+  const SE3d T_own_target = keyframe.T_camera_world.inverse() * match.T_camera_world;
+  const bool stranger = options_.twins && match.map != keyframe.map &&
+                        std::find(one_frame.begin(), one_frame.end(), match.map) == one_frame.end();
   const int history = stranger ? options_.stranger_history : options_.history;
   Testimony testimony{
-      .confirming = {match->T_camera_world}, .doubting = {}, .denying = {}, .contradictions = {}};
+      .confirming = {match.T_camera_world}, .doubting = {}, .denying = {}, .contradictions = {}};
   int denials = 0, asked = 0;
   std::vector<SE3d> views{keyframe.T_camera_world};
-  for (std::uint32_t i = id.value; i-- > 0 && asked < history;) {
+  for (std::uint32_t i = keyframe.id.value; i-- > 0 && asked < history;) {
     const Keyframe* other = map.find(KeyframeId{i});
     if (!other || other->map != keyframe.map || other->blind()) continue;
     if (!stranger && to_seconds(keyframe.t - other->t) > options_.history_time) break;
@@ -277,7 +299,7 @@ std::optional<PlaceMatch> PlaceRecognizer::feed(const Map& map, KeyframeId id, c
     const double travelled = (center(other->T_camera_world) - center(keyframe.T_camera_world)).norm();
     double contradictions = 0;
     const Witness witness =
-        ask(map, database_.image(*other), T_predicted, match->map, travelled, other_hints, &contradictions);
+        ask(map, database_.image(*other), T_predicted, match.map, travelled, other_hints, &contradictions);
     if (witness == Witness::confirms) testimony.confirming.push_back(T_predicted);
     if (witness == Witness::doubts) testimony.doubting.push_back(T_predicted);
     if (witness == Witness::denies) testimony.denying.push_back(T_predicted);
@@ -285,18 +307,17 @@ std::optional<PlaceMatch> PlaceRecognizer::feed(const Map& map, KeyframeId id, c
     denials += witness == Witness::denies;
   }
   if (!stranger) {
-    if (!convinced(testimony.confirming, denials, *match)) return std::nullopt;
+    if (!convinced(testimony.confirming, denials, match)) return std::nullopt;
   } else {
     // Another place that one of these keyframes was verified at speaks against this one.
     for (const Claim& claim : claims_) {
       const Keyframe* other = map.find(claim.keyframe);
-      if (!other || other->map != keyframe.map || claim.map != match->map) continue;
+      if (!other || other->map != keyframe.map || claim.map != match.map) continue;
       const SE3d T_predicted = other->T_camera_world * T_own_target;
       if (other_place(claim.T_camera_world, T_predicted)) testimony.denying.push_back(T_predicted);
     }
-    if (!convinced_of_stranger(testimony, *match)) return std::nullopt;
+    if (!convinced_of_stranger(testimony, match)) return std::nullopt;
   }
-  claims_.clear();
   return match;
 }
 

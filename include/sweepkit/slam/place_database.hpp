@@ -106,7 +106,9 @@ class PlaceDatabase {
   /// Groups of keyframes that look like the image, over all maps, best first within each map, maps in the
   /// order of their best; ties by id. A keyframe that the image is, and what the options exclude for it, is
   /// no candidate and in no group.
-  std::vector<PlaceGroup> candidates(const PlaceImage& image, const Map& map) const;
+  /// @param without maps that are left out, nor set the standard of likeness
+  std::vector<PlaceGroup> candidates(const PlaceImage& image, const Map& map,
+                                     std::span<const MapId> without = {}) const;
 
  private:
   struct Entry {

@@ -36,6 +36,7 @@ struct PlaceRecognizerOptions {
   double pooled_inverse_share = 0.25;
   double pooled_seen_share = 0.08;
   double pooled_off_plane = 0.2;
+  bool twins = true;
   int stranger_history = 40;
   int stranger_views = 4;
   double stranger_travel = 1;
@@ -75,10 +76,11 @@ struct PlaceRecognizerOptions {
     v(pooled_off_plane, "pooled_off_plane", "", range(0, 1),
       "... where so large a share of what agrees lies off the main plane: a thing that stands elsewhere too "
       "has few planes");
-    v(stranger_history, "stranger_history", "images", range(1, 1000),
-      "views that are asked where another map is met that odometry knows no way to");
-    v(stranger_views, "stranger_views", "images", range(1, 100),
-      "different views that must say so then: a room may have a twin");
+    v(twins, "twins", "", any_value(),
+      "a room that is not mapped may look like one that is: another map that odometry knows no way to is "
+      "believed only after what the options below ask for; false: after confirmations, as in its own");
+    v(stranger_history, "stranger_history", "images", range(1, 1000), "views that are asked then");
+    v(stranger_views, "stranger_views", "images", range(1, 100), "different views that must say so");
     v(stranger_travel, "stranger_travel", "m", range(0, 100),
       "by how much the farthest of them must lie apart");
     v(stranger_turn, "stranger_turn", "deg", range(0, 180), "or be turned");
@@ -106,6 +108,8 @@ class PlaceRecognizer {
 
   /// A new keyframe of the map: where it has been before, if it has. Adds it to the database. A place in its
   /// own map is checked against the map's poses, whose covariance is that of both keyframes.
+  /// Where twins are not feared, keyframes of which none alone tells the place in another map are asked
+  /// together, as by locate(); `query` is then the one of them that tells most.
   /// @param gravity which way gravity pulls in the keyframe's map and in all others (world axes), unit; null
   ///   if not known
   /// @param one_frame other maps that stand in the frame of the keyframe's own as far as odometry tells,
@@ -140,13 +144,13 @@ class PlaceRecognizer {
   // What several images say of one place for all of them.
   struct Pooled {
     PlaceMatch match;              // of the newest image
+    PlaceMatch anchor;             // of the image that tells most, as it was found
     std::vector<SE3d> confirming;  // T_camera_world of the images that agree
     int denials = 0;
     int inliers = 0, off_plane = 0;  // sums
     std::bitset<40> cells;           // of all their views
     std::size_t most_cells = 0;      // of one
     double seen_share = 0, inverse_share = 0, contradictions = 0;
-    Mat6<double> covariance = Mat6<double>::Identity();  // in the image that has the most points
   };
 
   // Doubts: most of what should be seen is missing, what is there agrees.
@@ -168,9 +172,16 @@ class PlaceRecognizer {
   std::optional<PlaceMatch> best_candidate(const Map& map, const PlaceImage& image,
                                            std::span<const PlaceGroup> groups, PlaceHints hints,
                                            MapId own_map, std::span<const MapId> one_frame = {});
+  std::optional<PlaceMatch> confirmed(const Map& map, const Keyframe& keyframe, PlaceMatch match,
+                                      const Vec3<double>* gravity, std::span<const MapId> one_frame);
+  std::optional<PlaceMatch> feed_together(const Map& map, const Keyframe& keyframe,
+                                          std::span<const MapId> known, const Vec3<double>& gravity_world);
   std::optional<PlaceMatch> locate_together(const Map& map, const Seen& now,
                                             const Vec3<double>& gravity_world);
-  std::vector<PlaceGroup> groups_of(std::span<const Seen* const> seen, const Map& map) const;
+  std::optional<Pooled> locate_together(const Map& map, std::span<const Seen* const> seen,
+                                        std::span<const MapId> known, const Vec3<double>& gravity_world);
+  std::vector<PlaceGroup> groups_of(std::span<const Seen* const> seen, const Map& map,
+                                    std::span<const MapId> known) const;
   Pooled examine_together(const Map& map, std::span<const Seen* const> seen, MapId target,
                           const SE3d& T_first_world, const Vec3<double>& gravity_world);
   PlaceRejection judge(const Pooled& pooled) const;
@@ -191,7 +202,8 @@ class PlaceRecognizer {
   PlaceVerifier verifier_;
   PlaceCounts counts_;
   PlaceRejection last_ = PlaceRejection::none;
-  std::deque<Seen> seen_;
+  std::deque<Seen> seen_;     // by locate()
+  std::deque<Seen> fed_;      // keyframes, by feed() where twins are not feared
   std::deque<Claim> claims_;  // of feed() since it last knew a place
 };
 
