@@ -93,6 +93,43 @@ TEST_CASE("a robot carried off in the dark finds back into its map", "[places]")
     CHECK((images[i].T_odom_body.translation() - images[i - 1].T_odom_body.translation()).norm() < 0.15);
 }
 
+TEST_CASE("where twins are not feared a robot finds back sooner, and looks closely until it has",
+          "[places]") {
+  struct Outcome {
+    TimeNs found = 0;
+    int before = 0, after = 0;  // keyframes of the second drive
+  };
+  const TimeNs begin = second_images().front().t;
+  const auto run = [&](bool twins, double seek_time) {
+    EventRecord events;
+    SweeperOptions options = small_options();
+    options.places.recognizer.twins = twins;
+    options.places.seek_time = seek_time;
+    Sweeper sweeper(Room().rig(), options, &events);
+    for (const StereoImage& image : all_images()) sweeper.feed(image);
+    sweeper.finish();
+    INFO(events.text());
+    REQUIRE(events.named("relocalized").size() == 1);
+    check_near(sweeper.images().back().T_map_body, second_pose(kSecond - 1));
+    Outcome outcome{.found = events.named("relocalized")[0].t, .before = 0, .after = 0};
+    for (std::uint32_t k = 0; k < sweeper.map().keyframe_id_end(); ++k)
+      if (const Keyframe* keyframe = sweeper.map().find(KeyframeId{k}); keyframe && keyframe->t >= begin)
+        ++(keyframe->t <= outcome.found ? outcome.before : outcome.after);
+    return outcome;
+  };
+  const Outcome feared = run(true, 10), seeking = run(false, 10), casual = run(false, 0);
+  CHECK(seeking.found < feared.found);
+  CHECK(seeking.found <= casual.found);
+  const auto pace = [&](const Outcome& outcome) {
+    return outcome.before / (1 + to_seconds(outcome.found - begin) / to_seconds(kImagePeriod));
+  };
+  CHECK(pace(seeking) > pace(feared));
+  // Once it has, keyframes are as far apart as ever.
+  const double left = kSecond - to_seconds(seeking.found - begin) / to_seconds(kImagePeriod);
+  CHECK(seeking.after / left < pace(seeking));
+  CHECK(run(true, 0).before == feared.before);
+}
+
 TEST_CASE("without places known again maps stay apart", "[places]") {
   SweeperOptions options = small_options();
   options.places.enabled = false;

@@ -2,6 +2,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "mapping_stage.hpp"
 
+#include <algorithm>
 #include <exception>
 #include <utility>
 
@@ -135,6 +136,7 @@ void MappingStage::guard(TimeNs t, Step&& step) {
 
 void MappingStage::map_keyframe(KeyframeCandidate&& candidate) {
   const std::scoped_lock changing(map_mutex_);
+  last_mapped_ = candidate.frame.t;
   std::shared_ptr<const LocalMap> local_map;
   if (candidate.begins_map || !mapper_.current_map().valid()) {
     map_begun_at_ = candidate.frame.t;
@@ -154,9 +156,23 @@ void MappingStage::map_keyframe(KeyframeCandidate&& candidate) {
 
 void MappingStage::publish(std::shared_ptr<const LocalMap> local_map, std::vector<Event> events) {
   if (!local_map) return;
+  const bool seeking = seeks();
   const std::scoped_lock lock(queue_mutex_);
   update_.map = std::move(local_map);
+  update_.seeks = seeking;
   update_.events.insert(update_.events.end(), events.begin(), events.end());
+}
+
+// Whether the current map is new and there are others that it knows no way to.
+bool MappingStage::seeks() const {
+  const PlaceOptions& places = options_.places;
+  if (!recognizer_ || places.recognizer.twins || to_seconds(last_mapped_ - map_begun_at_) > places.seek_time)
+    return false;
+  const std::vector<MapId> maps = mapper_.map().maps();
+  return std::any_of(maps.begin(), maps.end(), [&](MapId id) {
+    return id != mapper_.current_map() &&
+           std::find(one_frame_.begin(), one_frame_.end(), id) == one_frame_.end();
+  });
 }
 
 // Was the robot here before?
@@ -237,8 +253,7 @@ void MappingStage::run_mapping() {
         publish(mapper_.finish_global_adjustment(*adjusted));
       });
     if (!candidate) continue;
-    last_mapped_ = candidate->frame.t;
-    guard(last_mapped_, [&] { map_keyframe(std::move(*candidate)); });
+    guard(candidate->frame.t, [&] { map_keyframe(std::move(*candidate)); });
   }
   queue_changed_.notify_all();
 }

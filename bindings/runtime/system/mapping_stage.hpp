@@ -34,6 +34,7 @@ class MappingStage {
   struct Update {
     std::shared_ptr<const LocalMap> map;  ///< null: nothing new
     std::vector<Event> events;            ///< to be told when it is taken
+    bool seeks = false;                   ///< other maps: keyframes are to be made closely
   };
   struct Places {
     std::int64_t joined = 0, closed = 0, rejected = 0;
@@ -80,6 +81,7 @@ class MappingStage {
   void guard(TimeNs t, Step&& step);
   void map_keyframe(KeyframeCandidate&& candidate);
   void look_around(KeyframeId newest);
+  bool seeks() const;
   void publish(std::shared_ptr<const LocalMap> local_map, std::vector<Event> events = {});
   void adjust_map();
   void run_mapping();

@@ -420,6 +420,8 @@ class Sweeper::Impl {
                .with("map", first_map_ + begun_)
                .with("reason", *std::exchange(leave_map_, std::nullopt)));
     }
+    if (seeks_ && result.state == TrackingState::tracking && frame_.reference.valid())
+      result.wants_keyframe = result.wants_keyframe || looks_elsewhere(frame_.T_camera_reference);
     tracked.T_map_body = frame_.T_camera_world.inverse() * T_camera_body_;
     tracked.reference = frame_.reference;
     tracked.T_camera_reference = frame_.T_camera_reference;
@@ -462,6 +464,12 @@ class Sweeper::Impl {
       moved_before_ = true;
     }
     return candidate;
+  }
+
+  // Enough to be asked where it is, for one that does not know.
+  bool looks_elsewhere(const SE3d& T_camera_reference) const {
+    return T_camera_reference.translation().norm() > options_.places.seek_distance ||
+           T_camera_reference.rotation().angle() > options_.places.seek_angle * std::numbers::pi / 180;
   }
 
   MotionPrior prior_of(const UncertainMotion<double>& T_map_body) const {
@@ -587,7 +595,7 @@ class Sweeper::Impl {
   }
 
   void take_local_map() {
-    auto [map, news] = mapping_.take();
+    auto [map, news, seeks] = mapping_.take();
     if (!map || map->begun != begun_) {
       for (const Event& event : news) tell(event);
       return;
@@ -595,6 +603,7 @@ class Sweeper::Impl {
     const SE3d T_map_body_before = tracker_.last_T_camera_world().inverse() * T_camera_body_;
     tracker_.set_local_map(map);
     local_map_ = map;
+    seeks_ = seeks;
     frontend_.set_disparity_bias(map->disparity_bias);
     if (std::abs(map->disparity_bias - told_disparity_bias_) > kNewsOfDisparityBias) {
       told_disparity_bias_ = map->disparity_bias;
@@ -675,6 +684,7 @@ class Sweeper::Impl {
   int first_map_ = 0;    // id of the first that this run began
   int begun_ = 0;        // maps left behind
   int corrections_ = 0;  // of this map, as known
+  bool seeks_ = false;   // keyframes are made closely
 
   std::shared_ptr<const LocalMap> local_map_;  // the tracker's
   struct DirectionSearch {

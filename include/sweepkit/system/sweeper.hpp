@@ -71,11 +71,19 @@ struct MainDirectionSearchOptions {
 struct PlaceOptions {
   bool enabled = true;
   std::string vocabulary;
+  double seek_time = 10;
+  double seek_angle = 3;
+  double seek_distance = 0.05;
   PlaceRecognizerOptions recognizer;
 
   template <class Visitor>
   void visit_options(Visitor& v) {
     v(enabled, "enabled", "", any_value(), "look in all maps for the place of each new keyframe");
+    v(seek_time, "seek_time", "s", range(0, 1e6),
+      "where twins are not feared, so long a new map that knows no way to the others looks closely for them: "
+      "it gets a keyframe ...");
+    v(seek_angle, "seek_angle", "deg", range(0.1, 180), "... at each such turn ...");
+    v(seek_distance, "seek_distance", "m", range(0.001, 1000), "... or way");
     v(vocabulary, "vocabulary", "", any_value(),
       "file of the vocabulary, sweepkit's own format; none: the one that comes with the library");
     v.group(recognizer, "recognizer", "what is taken for the same place");
