@@ -42,6 +42,7 @@ struct Options {
   bool odometry = true;
   bool gravity = true;
   bool anywhere = false;
+  bool put_down = false;
   bool verbose = false;
   PlaceRecognizerOptions recognizer;
 };
@@ -261,6 +262,19 @@ double quantile(std::vector<double> values, double q) {
   return values[static_cast<std::size_t>(q * static_cast<double>(values.size() - 1))];
 }
 
+// The first images after the robot was in the air: more than 3 cm above where it began, higher than any sill.
+std::vector<bool> put_down(const std::vector<StereoFrame>& frames) {
+  constexpr double kAir = 0.03;  // [m]
+  const auto height = [](const StereoFrame& frame) {
+    return frame.T_camera_world.inverse().translation().z();
+  };
+  std::vector<bool> out(frames.size(), false);
+  for (std::size_t i = 1; i < frames.size(); ++i)
+    out[i] =
+        height(frames[i - 1]) > height(frames[0]) + kAir && height(frames[i]) <= height(frames[0]) + kAir;
+  return out;
+}
+
 Outcome kidnap(const SeenFrames& mapped, const SeenFrames& queries, const Options& options) {
   TrueMap truth(mapped.rig);
   for (const StereoFrame& frame : mapped.frames) truth.add_if_new(frame);
@@ -273,15 +287,18 @@ Outcome kidnap(const SeenFrames& mapped, const SeenFrames& queries, const Option
   std::vector<std::size_t> starts;
   const SeenBefore seen_before(truth.map, {rig.focal(), rig.center().x(), rig.center().y(), rig.baseline()},
                                rig.bounds());
-  std::size_t mapped_views = 0;
+  std::size_t mapped_views = 0, asked_views = 0;
+  const std::vector<bool> landed = put_down(queries.frames);
   std::vector<double> seen_share;
   for (std::size_t i = 0; i < queries.frames.size(); ++i) {
     seen_share.push_back(seen_before(queries.frames[i]));
     const bool is_mapped = seen_share.back() >= kSeenShares.front();
+    if (options.put_down && !landed[i]) continue;
+    ++asked_views;
     mapped_views += is_mapped;
     if (options.anywhere || is_mapped) starts.push_back(i);
   }
-  fmt::print(stderr, "{} of {} views were seen before\n", mapped_views, queries.frames.size());
+  fmt::print(stderr, "{} of {} views were seen before\n", mapped_views, asked_views);
   if (starts.empty()) return {};
   // The same moments whatever the recognizer does.
   Random random(static_cast<std::uint64_t>(options.seed));
@@ -368,6 +385,8 @@ int main(int argc, char** argv) {
         options.gravity = false;
       else if (text == "--anywhere")
         options.anywhere = true;
+      else if (text == "--put-down")
+        options.put_down = true;
       else if (text == "--verbose")
         options.verbose = true;
       else
@@ -376,11 +395,11 @@ int main(int argc, char** argv) {
     if (parts.empty() || parts.size() % 2 != 0) {
       fmt::print(stderr,
                  "usage: kidnap [--kidnaps N] [--seconds S] [--seed N] [--no-odometry] [--no-gravity] "
-                 "[--vocabulary FILE] [--set OPTION=VALUE] [--anywhere] [--verbose] MAPPED QUERIES [MAPPED "
-                 "QUERIES ...]\n"
+                 "[--vocabulary FILE] [--set OPTION=VALUE] [--anywhere] [--put-down] [--verbose] "
+                 "MAPPED QUERIES [MAPPED QUERIES ...]\n"
                  "N kidnaps at random moments, 0: one at each. A kidnap begins where 30 % of the view was "
-                 "seen before, from within 2 m and 30 degrees, or "
-                 "--anywhere.\n"
+                 "seen before, from within 2 m and 30 degrees, or --anywhere;\n"
+                 "with --put-down only where the robot had been carried to.\n"
                  "Recordings with truth in one world frame; PATH@FROM-TO takes a part of one [s].\n");
       return 2;
     }

@@ -1,0 +1,171 @@
+#!/usr/bin/python3
+# SPDX-FileCopyrightText: The sweepkit authors
+# SPDX-License-Identifier: Apache-2.0
+"""Kidnaps a robot to random places of mapped flats: does it know where it is within 3 s?
+
+    kidnaps.py [--bin DIR] [--simulated DIR] [--out DIR] [--kidnaps N] [--seed N] [--only FLAT ...] [--make] [PART...] [-- OPTION...]
+
+Each flat is mapped by a robot that sweeps all of it in lanes. A second recording puts the robot down N times at a random spot where it
+fits and could have driven to, with a random heading; there it turns on the spot, as robots do that are lost. Both are simulated where
+they are not there yet, at some six images a second: an hour on two cores. A place counts where 30 % of the first view was seen before
+from within 2 m and 30 degrees. Right is within 10 cm and 5 degrees.
+
+block    `kidnap` asks PlaceRecognizer::locate in a map at true poses; OPTIONs go to it (--no-odometry, --set verifier.min_inliers=40 ...)
+system   sweeper_robot maps the flat, and begins anew at each place with --atlas and --localize, without the fear that a room
+         which is not mapped has a mapped twin (places.recognizer.twins=false)
+careful  the same with that fear, as by default
+"""
+
+import argparse
+import json
+import pathlib
+import re
+import subprocess
+import sys
+
+import numpy as np
+import yaml
+
+from place_accuracy import alignment, pairs
+from twin_flats import Truth, angle_deg, matrices
+
+ROOT = pathlib.Path(__file__).resolve().parents[2]
+FLATS = {name: ROOT / "tools" / folder / f"{name}.yaml" for name, folder in
+         (("living_bedroom", "initial/scenes"), ("kitchen_sill", "initial/scenes"), ("four_rooms", "bench/scenes"))}
+SECONDS = 3
+CARRY = 0.6  # [s]
+TURN = 225   # [deg], a little more than 3 s at the robot's 75 degrees a second
+
+
+def run(*command):
+    done = subprocess.run([str(part) for part in command], capture_output=True, text=True, cwd=ROOT)
+    if done.returncode != 0:
+        sys.exit(f"{' '.join(str(part) for part in command)}\n{done.stderr[-2000:]}")
+    return done.stdout
+
+
+def simulate(given, scene, target, *options):
+    if (target / "truth.yaml").exists():
+        return
+    print(f"simulating {target.name} ...", file=sys.stderr)
+    run(given.bin / "simulate", "--scene", scene, "--out", target, "--set", "depth_every=0", *options)
+
+
+def make(given, name, target, steps, seed):
+    """A recording of other steps in a flat."""
+    scene = yaml.safe_load(FLATS[name].read_text())
+    scene["drive"] = {"steps": steps}
+    scene["events"] = []
+    given.simulated.mkdir(parents=True, exist_ok=True)
+    file = given.simulated / f"{target}.yaml"
+    file.write_text(yaml.safe_dump(scene, sort_keys=False))
+    simulate(given, file, given.simulated / target, "--seed", seed)
+    return given.simulated / target
+
+
+def mapped(given, name):
+    if name == "four_rooms":  # swept twice by its own drive
+        simulate(given, FLATS[name], given.simulated / name)
+        return given.simulated / name
+    return make(given, name, f"{name}_swept", [{"stand": 2}, {"cover": {"spacing": 0.4}}, "home"], 1)
+
+
+def kidnapped(given, name):
+    places = given.kidnaps * [{"carry": {"to": "anywhere", "seconds": CARRY}}, {"turn": TURN}]
+    return make(given, name, f"{name}_kidnaps_{given.kidnaps}_{given.seed}", [{"stand": 0.5}] + places, given.seed)
+
+
+def total(rows):
+    right, wrong, unknown = (sum(column) for column in zip(*rows))
+    asked = max(1, right + wrong + unknown)
+    print(f"{'together':<28}{right:>6}{wrong:>7}{unknown:>9}   {100 * right / asked:.0f} % of {asked} right")
+    return wrong
+
+
+def block(given, recordings):
+    print(f"\nblock: `kidnap`, within {SECONDS} s\n{'':<28}{'right':>6}{'wrong':>7}{'unknown':>9}{'median s':>10}{'95 % s':>8}{'median mm':>11}")
+    rows = []
+    for name, (sweep, kidnaps) in recordings.items():
+        text = run(given.bin / "kidnap", "--put-down", "--kidnaps", 0, "--seconds", SECONDS, *given.options, sweep, kidnaps)
+        row = re.search(r"^\S+, \S+ +(\d+) +(\d+) +(\d+) +(\S+) +(\S+) +(\S+)", text, re.MULTILINE).groups()
+        rows.append([int(n) for n in row[:3]])
+        print(f"{name:<28}{row[0]:>6}{row[1]:>7}{row[2]:>9}{row[3]:>10}{row[4]:>8}{row[5]:>11}", flush=True)
+    return total(rows)
+
+
+def mapped_places(given, sweep, kidnaps):
+    """The instants at which the robot is put down where it was mapped [s], without regard to what is known there."""
+    text = run(given.bin / "kidnap", "--put-down", "--kidnaps", 0, "--seconds", 0, "--verbose", sweep, kidnaps)
+    stamps = np.loadtxt(kidnaps / "mav0/cam0/data.csv", delimiter=",", comments="#", usecols=0, dtype=np.int64)
+    return [1e-9 * stamps[int(frame)] for frame in re.findall(r"^ +\d+ frame +(\d+): ", text, re.MULTILINE)]
+
+
+def system(given, recordings, careful):
+    print(f"\n{'careful' if careful else 'system'}: sweeper_robot, within {SECONDS} s\n"
+          f"{'':<28}{'right':>6}{'wrong':>7}{'unknown':>9}{'median s':>10}{'95 % s':>8}{'median mm':>11}")
+    rows = []
+    for name, (sweep, kidnaps) in recordings.items():
+        out = given.out / name
+        atlas = out / "home.swk"
+        if not atlas.exists():
+            run(given.bin / "sweeper_robot", "--data", sweep, "--out", out / "mapped", "--atlas", atlas, "--set", "realtime=false")
+        _, estimate, true = pairs(sweep, out / "mapped/trajectory_optimized.tum")
+        R, t = alignment(estimate, true)  # world to map
+        truth = Truth(kidnaps)
+        row, seconds, errors = [0, 0, 0], [], []
+        for begin in mapped_places(given, sweep, kidnaps):
+            run(given.bin / "sweeper_robot", "--data", kidnaps, "--out", out / "kidnapped", "--atlas", atlas, "--localize",
+                "--start", begin - truth.t[0] - 0.02, "--duration", SECONDS + 0.3, "--set", "realtime=false",
+                "--set", f"places.recognizer.twins={'true' if careful else 'false'}")
+            events = [json.loads(line) for line in (out / "kidnapped/events.jsonl").read_text().splitlines()]
+            found = [event["t"] for event in events if event["event"] == "relocalized" and event["t"] <= begin + SECONDS + 1e-3]
+            if not found:
+                row[2] += 1
+                continue
+            # One image later the live pose is in the atlas.
+            live = np.loadtxt(out / "kidnapped/trajectory_live.tum")
+            i = min(np.searchsorted(live[:, 0], found[0] + 1e-3), len(live) - 1)
+            T_world, T_map = truth.at(live[i, 0]), matrices(live[i : i + 1])[0]
+            metres = np.linalg.norm(T_map[:3, 3] - R @ T_world[:3, 3] - t)
+            is_right = metres < 0.1 and angle_deg(T_map[:3, :3].T @ R @ T_world[:3, :3]) < 5
+            row[0 if is_right else 1] += 1
+            seconds.append(found[0] - begin)
+            errors.append(1e3 * metres)
+        rows.append(row)
+        print(f"{name:<28}{row[0]:>6}{row[1]:>7}{row[2]:>9}{np.median(seconds or [0]):>10.2f}{np.quantile(seconds or [0], 0.95):>8.2f}"
+              f"{np.median(errors or [0]):>11.1f}", flush=True)
+    return total(rows)
+
+
+PARTS = {"block": block, "system": lambda *_: system(*_, careful=False), "careful": lambda *_: system(*_, careful=True)}
+
+
+def main():
+    arguments = sys.argv[1:]
+    options = arguments[arguments.index("--") + 1 :] if "--" in arguments else []
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--bin", type=pathlib.Path, default=ROOT / "build/release/bin", help="where the programs are")
+    parser.add_argument("--simulated", type=pathlib.Path, default=ROOT / "build/simulated",
+                        help="simulated recordings, made if they are not there")
+    parser.add_argument("--out", type=pathlib.Path, help="atlases and runs; below the simulated recordings if not given")
+    parser.add_argument("--kidnaps", type=int, default=60, help="places in each flat")
+    parser.add_argument("--seed", type=int, default=2, help="of the places")
+    parser.add_argument("--only", action="append", choices=FLATS, help="this flat alone; may be given again")
+    parser.add_argument("--make", action="store_true", help="simulate, and end")
+    parser.add_argument("parts", nargs="*", metavar="PART", help=", ".join(PARTS))
+    given = parser.parse_args(arguments[: arguments.index("--")] if "--" in arguments else arguments)
+    if unknown := [part for part in given.parts if part not in PARTS]:
+        parser.error(f"no part {unknown[0]}: there are {', '.join(PARTS)}")
+    given.bin, given.simulated, given.options = given.bin.resolve(), given.simulated.resolve(), options
+    given.out = (given.out or given.simulated / "kidnapped").resolve()
+    recordings = {}
+    for name in given.only or FLATS:
+        recordings[name] = mapped(given, name), kidnapped(given, name)
+    if given.make:
+        return
+    wrong = sum(PARTS[part](given, recordings) for part in given.parts or PARTS)
+    sys.exit(1 if wrong else 0)
+
+
+if __name__ == "__main__":
+    main()
