@@ -30,8 +30,12 @@ from place_accuracy import alignment, pairs
 from twin_flats import Truth, angle_deg, matrices
 
 ROOT = pathlib.Path(__file__).resolve().parents[2]
-FLATS = {name: ROOT / "tools" / folder / f"{name}.yaml" for name, folder in
-         (("living_bedroom", "initial/scenes"), ("kitchen_sill", "initial/scenes"), ("four_rooms", "bench/scenes"))}
+# Scene, and how many kidnaps.
+FLATS = {
+    "living_bedroom": (ROOT / "tools/initial/scenes/living_bedroom.yaml", 45),
+    "kitchen_sill": (ROOT / "tools/initial/scenes/kitchen_sill.yaml", 45),
+    "four_rooms": (ROOT / "tools/bench/scenes/four_rooms.yaml", 60),
+}
 SECONDS = 3
 CARRY = 0.6  # [s]
 TURN = 225   # [deg], a little more than 3 s at the robot's 75 degrees a second
@@ -53,7 +57,7 @@ def simulate(given, scene, target, *options):
 
 def make(given, name, target, steps, seed):
     """A recording of other steps in a flat."""
-    scene = yaml.safe_load(FLATS[name].read_text())
+    scene = yaml.safe_load(FLATS[name][0].read_text())
     scene["drive"] = {"steps": steps}
     scene["events"] = []
     given.simulated.mkdir(parents=True, exist_ok=True)
@@ -65,14 +69,15 @@ def make(given, name, target, steps, seed):
 
 def mapped(given, name):
     if name == "four_rooms":  # swept twice by its own drive
-        simulate(given, FLATS[name], given.simulated / name)
+        simulate(given, FLATS[name][0], given.simulated / name)
         return given.simulated / name
     return make(given, name, f"{name}_swept", [{"stand": 2}, {"cover": {"spacing": 0.4}}, "home"], 1)
 
 
 def kidnapped(given, name):
-    places = given.kidnaps * [{"carry": {"to": "anywhere", "seconds": CARRY}}, {"turn": TURN}]
-    return make(given, name, f"{name}_kidnaps_{given.kidnaps}_{given.seed}", [{"stand": 0.5}] + places, given.seed)
+    kidnaps = given.kidnaps or FLATS[name][1]
+    places = kidnaps * [{"carry": {"to": "anywhere", "seconds": CARRY}}, {"turn": TURN}]
+    return make(given, name, f"{name}_kidnaps_{kidnaps}_{given.seed}", [{"stand": 0.5}] + places, given.seed)
 
 
 def total(rows):
@@ -148,7 +153,7 @@ def main():
     parser.add_argument("--simulated", type=pathlib.Path, default=ROOT / "build/simulated",
                         help="simulated recordings, made if they are not there")
     parser.add_argument("--out", type=pathlib.Path, help="atlases and runs; below the simulated recordings if not given")
-    parser.add_argument("--kidnaps", type=int, default=60, help="places in each flat")
+    parser.add_argument("--kidnaps", type=int, help="places in each flat; 45, in four rooms 60")
     parser.add_argument("--seed", type=int, default=2, help="of the places")
     parser.add_argument("--only", action="append", choices=FLATS, help="this flat alone; may be given again")
     parser.add_argument("--make", action="store_true", help="simulate, and end")
