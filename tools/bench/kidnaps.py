@@ -3,14 +3,16 @@
 # SPDX-License-Identifier: Apache-2.0
 """Kidnaps a robot to random places of mapped flats: does it know where it is within 3 s?
 
-    kidnaps.py [--bin DIR] [--simulated DIR] [--out DIR] [--kidnaps N] [--seed N] [--only FLAT ...] [--make] [PART...] [-- OPTION...]
+    kidnaps.py [--bin DIR] [--simulated DIR] [--out DIR] [--kidnaps N] [--seed N] [--only FLAT ...] [--make] [--pictures DIR] [PART...]
+               [-- OPTION...]
 
 Each flat is mapped by a robot that sweeps all of it in lanes. A second recording puts the robot down N times at a random spot where it
 fits and could have driven to, with a random heading; there it turns on the spot, as robots do that are lost. Both are simulated where
 they are not there yet, at some six images a second: an hour on two cores. A place counts where 30 % of the first view was seen before
 from within 2 m and 30 degrees. Right is within 10 cm and 5 degrees.
 
-block    `kidnap` asks PlaceRecognizer::locate in a map at true poses; OPTIONs go to it (--no-odometry, --set verifier.min_inliers=40 ...)
+block    `kidnap` asks PlaceRecognizer::locate in a map at true poses; OPTIONs go to it (--no-odometry, --set verifier.min_inliers=40 ...);
+         pictures show the way that mapped each flat, and where the robot was put down
 system   sweeper_robot maps the flat, and begins anew at each place with --atlas and --localize, without the fear that a room
          which is not mapped has a mapped twin (places.recognizer.twins=false)
 careful  the same with that fear, as by default
@@ -80,6 +82,33 @@ def kidnapped(given, name):
     return make(given, name, f"{name}_kidnaps_{kidnaps}_{given.seed}", [{"stand": 0.5}] + places, given.seed)
 
 
+PUT_DOWN = re.compile(r"^ +\d+ frame +(\d+): (\w+)", re.MULTILINE)
+
+
+def stamps_of(recording):
+    return 1e-9 * np.loadtxt(recording / "mav0/cam0/data.csv", delimiter=",", comments="#", usecols=0, dtype=np.int64)
+
+
+def draw(file, name, sweep, kidnaps, outcomes):
+    """The way that mapped a flat in grey, an arrow for each place where the robot was put down."""
+    import matplotlib
+
+    matplotlib.use("Agg")
+    import matplotlib.pyplot as plt
+
+    way, truth, stamps = Truth(sweep), Truth(kidnaps), stamps_of(kidnaps)
+    figure, axes = plt.subplots(figsize=(9, 6))
+    axes.plot(way.T[:, 0, 3], way.T[:, 1, 3], color="0.75", linewidth=0.8, label="mapped on this way")
+    for outcome, colour in (("right", "tab:green"), ("unknown", "tab:orange"), ("WRONG", "tab:red")):
+        T = np.array([truth.at(stamps[int(frame)]) for frame, what in outcomes if what == outcome]).reshape(-1, 4, 4)
+        axes.plot(T[:, 0, 3], T[:, 1, 3], ".", color=colour, markersize=3)
+        axes.quiver(T[:, 0, 3], T[:, 1, 3], T[:, 0, 0], T[:, 1, 0], color=colour, width=0.004, scale=30, label=f"{outcome.lower()}: {len(T)}")
+    axes.set(aspect="equal", xlabel="x [m]", ylabel="y [m]", title=f"{name}: put down, and asked where it is within {SECONDS} s")
+    axes.legend(loc="upper left", bbox_to_anchor=(1, 1), frameon=False)
+    figure.savefig(file, dpi=110, bbox_inches="tight")
+    plt.close(figure)
+
+
 def total(rows):
     right, wrong, unknown = (sum(column) for column in zip(*rows))
     asked = max(1, right + wrong + unknown)
@@ -91,7 +120,10 @@ def block(given, recordings):
     print(f"\nblock: `kidnap`, within {SECONDS} s\n{'':<28}{'right':>6}{'wrong':>7}{'unknown':>9}{'median s':>10}{'95 % s':>8}{'median mm':>11}")
     rows = []
     for name, (sweep, kidnaps) in recordings.items():
-        text = run(given.bin / "kidnap", "--put-down", "--kidnaps", 0, "--seconds", SECONDS, *given.options, sweep, kidnaps)
+        text = run(given.bin / "kidnap", "--put-down", "--kidnaps", 0, "--seconds", SECONDS, "--verbose", *given.options, sweep, kidnaps)
+        if given.pictures:
+            given.pictures.mkdir(parents=True, exist_ok=True)
+            draw(given.pictures / f"{name}.png", name, sweep, kidnaps, PUT_DOWN.findall(text))
         row = re.search(r"^\S+, \S+ +(\d+) +(\d+) +(\d+) +(\S+) +(\S+) +(\S+)", text, re.MULTILINE).groups()
         rows.append([int(n) for n in row[:3]])
         print(f"{name:<28}{row[0]:>6}{row[1]:>7}{row[2]:>9}{row[3]:>10}{row[4]:>8}{row[5]:>11}", flush=True)
@@ -101,8 +133,8 @@ def block(given, recordings):
 def mapped_places(given, sweep, kidnaps):
     """The instants at which the robot is put down where it was mapped [s], without regard to what is known there."""
     text = run(given.bin / "kidnap", "--put-down", "--kidnaps", 0, "--seconds", 0, "--verbose", sweep, kidnaps)
-    stamps = np.loadtxt(kidnaps / "mav0/cam0/data.csv", delimiter=",", comments="#", usecols=0, dtype=np.int64)
-    return [1e-9 * stamps[int(frame)] for frame in re.findall(r"^ +\d+ frame +(\d+): ", text, re.MULTILINE)]
+    stamps = stamps_of(kidnaps)
+    return [stamps[int(frame)] for frame, _ in PUT_DOWN.findall(text)]
 
 
 def system(given, recordings, careful):
@@ -156,6 +188,7 @@ def main():
     parser.add_argument("--kidnaps", type=int, help="places in each flat; 45, in four rooms 60")
     parser.add_argument("--seed", type=int, default=2, help="of the places")
     parser.add_argument("--only", action="append", choices=FLATS, help="this flat alone; may be given again")
+    parser.add_argument("--pictures", type=pathlib.Path, help="draw each flat into this folder")
     parser.add_argument("--make", action="store_true", help="simulate, and end")
     parser.add_argument("parts", nargs="*", metavar="PART", help=", ".join(PARTS))
     given = parser.parse_args(arguments[: arguments.index("--")] if "--" in arguments else arguments)
