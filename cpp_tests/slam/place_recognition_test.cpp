@@ -3,6 +3,7 @@
 #include "sweepkit/slam/place_recognition.hpp"
 
 #include <catch2/catch.hpp>
+#include <initializer_list>
 #include <numbers>
 #include <utility>
 
@@ -31,6 +32,19 @@ PlaceRecognizerOptions careful() {
 PlaceRecognizer recognizer(const PlaceWorld& world, const PlaceRecognizerOptions& options = {}) {
   return PlaceRecognizer(PlaceWorld::camera(), PlaceWorld::view(), PlaceWorld::levels(), world.vocabulary(),
                          options);
+}
+
+// A map of eight keyframes in each of the rooms about these x.
+Map mapped(PlaceWorld& world, std::initializer_list<double> rooms) {
+  Map map;
+  const MapId id = map.add_map();
+  int seed = 0;
+  for (const double x : rooms)
+    for (int k = 0; k < 8; ++k, ++seed) {
+      const SE3d T = drive_view(x, 0, k);
+      world.add_keyframe(map, id, T, T, static_cast<std::uint64_t>(seed), seed * kSecond);
+    }
+  return map;
 }
 
 }  // namespace
@@ -165,12 +179,7 @@ TEST_CASE("A map that was found elsewhere in another before is not joined to it"
 TEST_CASE("A frame is located by odometry's help or without, at once where it is sure", "[place]") {
   PlaceWorld world;
   world.add_room(0, 0, 1400, 1);
-  Map map;
-  const MapId id = map.add_map();
-  for (int k = 0; k < 8; ++k) {
-    const SE3d T = drive_view(0, 0, k);
-    world.add_keyframe(map, id, T, T, static_cast<std::uint64_t>(k), k * kSecond);
-  }
+  const Map map = mapped(world, {0});
   for (const bool odometry : {true, false}) {
     PlaceRecognizer places = recognizer(world, careful());
     places.database().follow(map);
@@ -204,12 +213,7 @@ TEST_CASE("A frame is located by odometry's help or without, at once where it is
 TEST_CASE("Frames that none alone tells the place of are located together", "[place]") {
   PlaceWorld world;
   world.add_room(0, 0, 300, 1);
-  Map map;
-  const MapId id = map.add_map();
-  for (int k = 0; k < 8; ++k) {
-    const SE3d T = drive_view(0, 0, k);
-    world.add_keyframe(map, id, T, T, static_cast<std::uint64_t>(k), k * kSecond);
-  }
+  const Map map = mapped(world, {0});
   const Vec3<double> gravity = PlaceWorld::gravity();
   const auto drive = [&](const PlaceRecognizerOptions& options, bool with_gravity, bool odometry_holds) {
     PlaceRecognizer places = recognizer(world, options);
@@ -294,12 +298,7 @@ TEST_CASE("Frames located together are of one of two places that fit: none is na
   PlaceWorld world;
   world.add_room(0, 0, 170, 1);
   world.add_room(6, 0, 170, 1);
-  Map map;
-  const MapId id = map.add_map();
-  for (int k = 0; k < 16; ++k) {
-    const SE3d T = drive_view(k < 8 ? 0 : 6, 0, k % 8);
-    world.add_keyframe(map, id, T, T, static_cast<std::uint64_t>(k), k * kSecond);
-  }
+  const Map map = mapped(world, {0, 6});
   PlaceRecognizer places = recognizer(world);
   places.database().follow(map);
   const Vec3<double> gravity = PlaceWorld::gravity();
@@ -317,12 +316,7 @@ TEST_CASE("Where two places fit, none is named", "[place]") {
   PlaceWorld world;
   world.add_room(0, 0, 1400, 1);
   world.add_room(6, 0, 1400, 1);
-  Map map;
-  const MapId id = map.add_map();
-  for (int k = 0; k < 16; ++k) {
-    const SE3d T = drive_view(k < 8 ? 0 : 6, 0, k % 8);
-    world.add_keyframe(map, id, T, T, static_cast<std::uint64_t>(k), k * kSecond);
-  }
+  const Map map = mapped(world, {0, 6});
   PlaceRecognizer places = recognizer(world);
   places.database().follow(map);
   for (int k = 0; k < 6; ++k)
@@ -335,12 +329,7 @@ TEST_CASE("Where two places fit, none is named", "[place]") {
 TEST_CASE("The same frames give the same answers", "[place]") {
   PlaceWorld world;
   world.add_room(0, 0, 1400, 1);
-  Map map;
-  const MapId id = map.add_map();
-  for (int k = 0; k < 8; ++k) {
-    const SE3d T = drive_view(0, 0, k);
-    world.add_keyframe(map, id, T, T, static_cast<std::uint64_t>(k), k * kSecond);
-  }
+  const Map map = mapped(world, {0});
   const auto run = [&] {
     PlaceRecognizer places = recognizer(world, careful());
     places.database().follow(map);

@@ -16,6 +16,7 @@ block    `kidnap` asks PlaceRecognizer::locate in a map at true poses; OPTIONs g
 system   sweeper_robot maps the flat, and begins anew at each place with --atlas and --localize, without the fear that a room
          which is not mapped has a mapped twin (places.recognizer.twins=false)
 careful  the same with that fear, as by default
+foreign  the places of one flat in the atlas of another, where all that is named is wrong; with frames pooled and without
 """
 
 import argparse
@@ -38,6 +39,7 @@ FLATS = {
     "kitchen_sill": (ROOT / "tools/initial/scenes/kitchen_sill.yaml", 45),
     "four_rooms": (ROOT / "tools/bench/scenes/four_rooms.yaml", 60),
 }
+FOREIGN = (("living_bedroom", "four_rooms"), ("four_rooms", "living_bedroom"))  # kitchen_sill has another rig
 SECONDS = 3
 CARRY = 0.6  # [s]
 TURN = 225   # [deg], a little more than 3 s at the robot's 75 degrees a second
@@ -137,36 +139,66 @@ def mapped_places(given, sweep, kidnaps):
     return [stamps[int(frame)] for frame, _ in PUT_DOWN.findall(text)]
 
 
+def swept_atlas(given, name, sweep):
+    out = given.out / name
+    atlas = out / "home.swk"
+    if not atlas.exists():
+        run(given.bin / "sweeper_robot", "--data", sweep, "--out", out / "mapped", "--atlas", atlas, "--set", "realtime=false")
+    return atlas
+
+
+def begin_anew(given, kidnaps, atlas, out, seconds, *options):
+    """Puts the robot down in an atlas, so many seconds into a recording: when it was relocalized, within SECONDS, or None."""
+    truth = Truth(kidnaps)
+    run(given.bin / "sweeper_robot", "--data", kidnaps, "--out", out, "--atlas", atlas, "--localize", "--start", seconds,
+        "--duration", SECONDS + 0.3, "--set", "realtime=false", *options)
+    events = [json.loads(line) for line in (out / "events.jsonl").read_text().splitlines()]
+    found = [event["t"] for event in events if event["event"] == "relocalized" and event["t"] <= truth.t[0] + seconds + SECONDS + 0.02]
+    return found[0] if found else None
+
+
+def foreign(given, recordings):
+    """Put down in a flat that the atlas does not hold, everything that is named is wrong."""
+    print(f"\nforeign: sweeper_robot in the atlas of another flat, within {SECONDS} s\n{'':<44}{'wrong':>7}{'unknown':>9}   with pool=false")
+    wrong = 0
+    for name, other in FOREIGN:
+        if not {name, other} <= set(recordings):
+            continue
+        (_, kidnaps), atlas = recordings[name], swept_atlas(given, other, recordings[other][0])
+        counts = []
+        for pool in ("true", "false"):
+            found = [begin_anew(given, kidnaps, atlas, given.out / name / "foreign", end, "--set", "places.recognizer.twins=false",
+                                "--set", f"places.recognizer.pool={pool}") for _, end in Truth(kidnaps).lifted]
+            counts += [sum(f is not None for f in found), sum(f is None for f in found)]
+        wrong += counts[0]
+        print(f"{name + ' in the atlas of ' + other:<44}{counts[0]:>7}{counts[1]:>9}{counts[2]:>8}{counts[3]:>9}", flush=True)
+    return wrong
+
+
 def system(given, recordings, careful):
     print(f"\n{'careful' if careful else 'system'}: sweeper_robot, within {SECONDS} s\n"
           f"{'':<28}{'right':>6}{'wrong':>7}{'unknown':>9}{'median s':>10}{'95 % s':>8}{'median mm':>11}")
     rows = []
     for name, (sweep, kidnaps) in recordings.items():
-        out = given.out / name
-        atlas = out / "home.swk"
-        if not atlas.exists():
-            run(given.bin / "sweeper_robot", "--data", sweep, "--out", out / "mapped", "--atlas", atlas, "--set", "realtime=false")
+        out, atlas = given.out / name, swept_atlas(given, name, sweep)
         _, estimate, true = pairs(sweep, out / "mapped/trajectory_optimized.tum")
         R, t = alignment(estimate, true)  # world to map
         truth = Truth(kidnaps)
         row, seconds, errors = [0, 0, 0], [], []
         for begin in mapped_places(given, sweep, kidnaps):
-            run(given.bin / "sweeper_robot", "--data", kidnaps, "--out", out / "kidnapped", "--atlas", atlas, "--localize",
-                "--start", begin - truth.t[0] - 0.02, "--duration", SECONDS + 0.3, "--set", "realtime=false",
-                "--set", f"places.recognizer.twins={'true' if careful else 'false'}")
-            events = [json.loads(line) for line in (out / "kidnapped/events.jsonl").read_text().splitlines()]
-            found = [event["t"] for event in events if event["event"] == "relocalized" and event["t"] <= begin + SECONDS + 1e-3]
-            if not found:
+            found = begin_anew(given, kidnaps, atlas, out / "kidnapped", begin - truth.t[0] - 0.02, "--set",
+                               f"places.recognizer.twins={'true' if careful else 'false'}")
+            if found is None:
                 row[2] += 1
                 continue
             # One image later the live pose is in the atlas.
             live = np.loadtxt(out / "kidnapped/trajectory_live.tum")
-            i = min(np.searchsorted(live[:, 0], found[0] + 1e-3), len(live) - 1)
+            i = min(np.searchsorted(live[:, 0], found + 1e-3), len(live) - 1)
             T_world, T_map = truth.at(live[i, 0]), matrices(live[i : i + 1])[0]
             metres = np.linalg.norm(T_map[:3, 3] - R @ T_world[:3, 3] - t)
             is_right = metres < 0.1 and angle_deg(T_map[:3, :3].T @ R @ T_world[:3, :3]) < 5
             row[0 if is_right else 1] += 1
-            seconds.append(found[0] - begin)
+            seconds.append(found - begin)
             errors.append(1e3 * metres)
         rows.append(row)
         print(f"{name:<28}{row[0]:>6}{row[1]:>7}{row[2]:>9}{np.median(seconds or [0]):>10.2f}{np.quantile(seconds or [0], 0.95):>8.2f}"
@@ -174,7 +206,8 @@ def system(given, recordings, careful):
     return total(rows)
 
 
-PARTS = {"block": block, "system": lambda *_: system(*_, careful=False), "careful": lambda *_: system(*_, careful=True)}
+PARTS = {"block": block, "system": lambda *_: system(*_, careful=False), "careful": lambda *_: system(*_, careful=True),
+         "foreign": foreign}
 
 
 def main():
